@@ -1,0 +1,1 @@
+"""Pinhole and weak-perspective cameras."""

@@ -1,0 +1,1 @@
+"""Deformation transfer and example-based facial rigging."""

@@ -1,0 +1,1 @@
+"""Measured suites: every figure the project quotes is made here."""

@@ -1,0 +1,1 @@
+"""Where face geometry comes from: the built-in face, ICT-FaceKit, simulated people."""

@@ -1,0 +1,1 @@
+"""Finding photographs, scans and videos in the model (FaceWarehouse 3.2, 4)."""

@@ -1,0 +1,1 @@
+"""From meshes back to pixels: rasteriser and shading."""

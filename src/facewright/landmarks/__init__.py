@@ -1,0 +1,1 @@
+"""Landmark schemes as data, detectors and contours (FaceWarehouse 3.2)."""

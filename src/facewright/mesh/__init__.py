@@ -1,0 +1,1 @@
+"""Topology, differential operators, geodesics, subdivision."""

@@ -1,0 +1,1 @@
+"""Linear face models: morphable (PCA), blendshapes, bilinear (FaceWarehouse 3.3)."""

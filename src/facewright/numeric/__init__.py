@@ -1,0 +1,1 @@
+"""Rotations, similarity, sparse and bounded solves, checks."""
