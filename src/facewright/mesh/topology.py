@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from itertools import pairwise
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -80,7 +81,7 @@ class Topology:
             if name not in self.parts:
                 raise ValueRangeError(f"part must be one of {', '.join(self.parts)}, got {name!r}.")
         ranges = sorted(self.parts[name] for name in names)
-        for (_, stop), (start, _) in zip(ranges, ranges[1:]):
+        for (_, stop), (start, _) in pairwise(ranges):
             if stop != start:
                 raise ValueRangeError(f"parts {', '.join(names)} must be adjacent vertex ranges.")
         return slice(ranges[0][0], ranges[-1][1])
