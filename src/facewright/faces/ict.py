@@ -104,6 +104,7 @@ def ict_face(arrays: Mapping[str, NDArray]) -> Face:
     mean = np.asarray(arrays["vertices"], dtype=np.float32)
     quads = np.asarray(arrays["faces"], dtype=np.int32)
     mirror = mirror_map(mean)
+    # Of exactly symmetric positions, so that both halves of the face split alike.
     diagonal = shorter_diagonals(0.5 * (mean + mean[mirror] * np.array([-1, 1, 1], np.float32)), quads)
     topology = Topology(
         name="ict",
@@ -141,12 +142,11 @@ def blendshape_deltas(names: NDArray, deltas: NDArray) -> NDArray[np.float32]:
 
 
 def shorter_diagonals(vertices: NDArray, quads: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Tell for each quad whether to split it along vertices 1-3 rather than 0-2 (shorter, equal on mirrored quads)."""
+    """Tell for each quad whether to split it along vertices 1-3 rather than 0-2, the shorter way."""
     points = np.asarray(vertices, dtype=np.float64)
     full = quads[:, 3] >= 0
-    # Micrometres, whole: the two halves of the face differ only by rounding, and must split alike.
-    d02 = np.round(1e3 * np.linalg.norm(points[quads[:, 0]] - points[quads[:, 2]], axis=1), -1)
-    d13 = np.round(1e3 * np.linalg.norm(points[quads[:, 1]] - points[quads[:, 3]], axis=1), -1)
+    d02 = np.linalg.norm(points[quads[:, 0]] - points[quads[:, 2]], axis=1)
+    d13 = np.linalg.norm(points[quads[:, 1]] - points[quads[:, 3]], axis=1)
     return full & (d13 < d02)
 
 
