@@ -1,0 +1,187 @@
+"""Textures: looking colours up, and baking a photograph onto a mesh that was fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse.linalg import splu
+
+from facewright.errors import TopologyError
+from facewright.imaging.rasterise import Fragments, rasterise
+from facewright.mesh.normals import vertex_normals
+from facewright.mesh.topology import Topology
+from facewright.numeric.check import check_shape
+
+
+def sample_bilinear(image: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Look an image (H, W, C) up at pixel positions (N, 2), x right and y down; edges are repeated; (N, C)."""
+    y, x = points[:, 1], points[:, 0]
+    return np.stack(
+        [ndimage.map_coordinates(image[..., k], [y, x], order=1, mode="nearest") for k in range(image.shape[2])], axis=1
+    ).astype(np.float32)
+
+
+def texels_from_uv(uv: NDArray[np.floating], size: tuple[int, int]) -> NDArray[np.float64]:
+    """Convert texture coordinates (v upwards, [0, 1] over the whole image) to pixel positions (U, 2)."""
+    height, width = size
+    return np.stack([uv[:, 0] * width - 0.5, (1.0 - uv[:, 1]) * height - 0.5], axis=1).astype(np.float64)
+
+
+def texture_albedo(texture: NDArray[np.uint8], topology: Topology) -> Callable[[Fragments], NDArray[np.float32]]:
+    """Make the albedo function of a textured mesh for `render_mesh`.
+
+    Parameters
+    ----------
+    texture : ndarray of shape (S, S, 3), uint8
+        sRGB texture in the topology's uv atlas.
+    topology : Topology
+        With `uv` and `uv_faces`.
+
+    Raises
+    ------
+    TopologyError
+        If the topology has no texture coordinates.
+    """
+    uv, uv_faces = _require_uv(topology)
+    positions = texels_from_uv(uv, (texture.shape[0], texture.shape[1]))
+    scaled = texture.astype(np.float32) / 255.0
+
+    def albedo(fragments: Fragments) -> NDArray[np.float32]:
+        out = np.zeros((*fragments.face_index.shape, 3), np.float32)
+        covered = fragments.covered
+        out[covered] = sample_bilinear(scaled, fragments.interpolate(uv_faces, positions)[covered])
+        return out
+
+    return albedo
+
+
+def bake_texture(
+    photo: NDArray[np.uint8],
+    pixels: NDArray[np.floating],
+    camera_vertices: NDArray[np.floating],
+    topology: Topology,
+    *,
+    size: int = 1024,
+    base_colours: NDArray[np.floating] | None = None,
+    photographed: NDArray[np.bool_] | None = None,
+    perspective: bool = False,
+) -> NDArray[np.uint8]:
+    """Carry the photograph that a mesh was fitted to into the mesh's texture atlas.
+
+    Texels that the camera saw take the photo's colour; those it did not take the mirrored side's, and beyond that a
+    smooth continuation of the skin that was seen.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (H, W, 3), uint8
+        sRGB photograph.
+    pixels : ndarray of shape (V, 2), pixels
+        Projected vertices.
+    camera_vertices : ndarray of shape (V, 3), millimetres
+        Vertices in the camera's frame.
+    topology : Topology
+        With `uv` and `uv_faces`.
+    size : int
+        Width and height of the texture.
+    base_colours : ndarray of shape (V, 3), optional
+        sRGB colours in [0, 1] for vertices that are not `photographed`, such as teeth.
+    photographed : ndarray of shape (V,), bool, optional
+        Vertices that may take colours from the photo; all where absent.
+    perspective : bool
+        Whether `pixels` come from a pinhole.
+
+    Returns
+    -------
+    ndarray of shape (size, size, 3), uint8
+        sRGB texture; texels outside the atlas repeat the nearest inside.
+
+    Raises
+    ------
+    ShapeError, TopologyError
+        If arrays do not match or the topology has no texture coordinates.
+    """
+    uv, uv_faces = _require_uv(topology)
+    V = topology.n_vertices
+    check_shape("pixels", pixels, V, 2)
+    check_shape("camera_vertices", camera_vertices, V, 3)
+    allowed = np.ones(V, bool) if photographed is None else np.asarray(photographed, bool)
+    image = photo.astype(np.float32) / 255.0
+    weight = _visibility((image.shape[0], image.shape[1]), pixels, camera_vertices, topology.faces, perspective) * allowed
+    colours = _continue_colours(sample_bilinear(image, pixels), weight, topology.faces, allowed, base_colours)
+
+    texels = texels_from_uv(uv, (size, size))
+    atlas = rasterise(texels, np.zeros(len(uv)), uv_faces, (size, size), perspective=False)
+    inside = atlas.covered
+    own = [np.asarray(pixels), weight[:, None]]
+    mirror = np.arange(V) if topology.mirror is None else topology.mirror
+    other = [np.asarray(pixels)[mirror], weight[mirror][:, None]]
+    values = atlas.interpolate(topology.faces, np.concatenate([*own, *other, colours], axis=1))[inside]
+    seen, seen_mirrored = _ease(values[:, 2:3]), _ease(values[:, 5:6])
+    fallback = values[:, 6:9]
+    fallback = seen_mirrored * sample_bilinear(image, values[:, 3:5]) + (1 - seen_mirrored) * fallback
+    texture = np.zeros((size, size, 3), np.float32)
+    texture[inside] = seen * sample_bilinear(image, values[:, 0:2]) + (1 - seen) * fallback
+    nearest = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    texture = texture[tuple(nearest)]
+    return np.round(np.clip(texture, 0, 1) * 255).astype(np.uint8)
+
+
+def _require_uv(topology: Topology) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    if topology.uv is None or topology.uv_faces is None:
+        raise TopologyError(f"topology {topology.name!r} must have texture coordinates (uv, uv_faces), got none.")
+    return topology.uv, topology.uv_faces
+
+
+def _ease(weight: NDArray[np.floating]) -> NDArray[np.floating]:
+    w = np.clip(weight, 0, 1)
+    return w * w * (3 - 2 * w)
+
+
+def _visibility(
+    size: tuple[int, int],
+    pixels: NDArray[np.floating],
+    camera_vertices: NDArray[np.floating],
+    faces: NDArray[np.integer],
+    perspective: bool,
+    tolerance_mm: float = 2.5,
+) -> NDArray[np.float64]:
+    """Return how well the camera sees each vertex: 0 hidden or grazing, 1 frontal; shape (V,)."""
+    height, width = size
+    depth = np.asarray(camera_vertices)[:, 2]
+    x, y = np.round(pixels[:, 0]).astype(int), np.round(pixels[:, 1]).astype(int)
+    in_frame = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    buffer = rasterise(pixels, depth, faces, size, perspective=perspective).depth
+    # the deepest of the neighbouring pixels, so that steep but visible skin does not hide itself
+    buffer = ndimage.maximum_filter(np.where(np.isfinite(buffer), buffer, -np.inf), 3)
+    ahead = np.zeros(len(pixels), bool)
+    ahead[in_frame] = depth[in_frame] <= buffer[y[in_frame], x[in_frame]] + tolerance_mm
+    normals = vertex_normals(np.asarray(camera_vertices, np.float64), faces)
+    facing = -normals[:, 2]
+    return np.clip((facing - 0.2) / 0.35, 0, 1) * ahead
+
+
+def _continue_colours(
+    sampled: NDArray[np.floating],
+    weight: NDArray[np.floating],
+    faces: NDArray[np.integer],
+    allowed: NDArray[np.bool_],
+    base_colours: NDArray[np.floating] | None,
+) -> NDArray[np.float32]:
+    """Extend the seen vertices' colours smoothly over the rest of the mesh (a screened Laplace equation)."""
+    V = len(sampled)
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    graph = sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(V, V)).tocsr()
+    graph = ((graph + graph.T) > 0).astype(np.float64)
+    laplacian = sparse.diags(np.asarray(graph.sum(axis=1)).ravel()) - graph
+    confident = weight > 0.6
+    typical = np.median(sampled[confident], axis=0) if confident.any() else np.array([0.8, 0.6, 0.5])
+    data = np.where(confident, weight, 0.0) * 2.0
+    screen = 2e-4  # far from anything seen, return to the typical skin colour
+    system = (laplacian + sparse.diags(data + screen)).tocsc()
+    filled = splu(system).solve(data[:, None] * sampled + screen * typical)
+    if base_colours is not None:
+        filled = np.where(allowed[:, None], filled, base_colours)
+    return filled.astype(np.float32)
