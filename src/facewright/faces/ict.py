@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from facewright.errors import FileFormatError, StoreError
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.faces.face import Face
+from facewright.faces.ict_annotations import ict_masks
 from facewright.mesh.topology import Topology
 
 ICT_LICENCE = "MIT, ICT-FaceKit, Copyright (c) 2020 USC Institute for Creative Technologies"
@@ -40,7 +41,6 @@ PART_STARTS: dict[str, int] = {
     "eyelashes_right": 26035,
 }
 N_SKIN = PART_STARTS["mouth_socket"]
-N_UPPER_TEETH = 19247  # vertices [17039, 19247) are the upper row
 
 COMPACT_KEYS = {
     "vertices": (N_VERTICES, 3),
@@ -106,15 +106,17 @@ def ict_face(arrays: Mapping[str, NDArray]) -> Face:
     mirror = mirror_map(mean)
     # Of exactly symmetric positions, so that both halves of the face split alike.
     diagonal = shorter_diagonals(0.5 * (mean + mean[mirror] * np.array([-1, 1, 1], np.float32)), quads)
+    faces, parts = triangulate(quads, diagonal), part_ranges()
+    deltas = blendshape_deltas(arrays["expression_names"], arrays["expression_deltas"])
     topology = Topology(
         name="ict",
         n_vertices=len(mean),
-        faces=triangulate(quads, diagonal),
+        faces=faces,
         quads=quads,
         uv=np.asarray(arrays["uv"], dtype=np.float32),
         uv_faces=triangulate(np.asarray(arrays["uv_faces"], dtype=np.int32), diagonal),
-        parts=part_ranges(),
-        masks={},
+        parts=parts,
+        masks=ict_masks(mean, deltas, faces, quads, parts, mirror),
         landmarks={"ibug68": np.asarray(arrays["landmarks_68"], dtype=np.int32)},
         mirror=mirror,
     )
@@ -124,8 +126,13 @@ def ict_face(arrays: Mapping[str, NDArray]) -> Face:
         mean_shape=mean,
         identity_basis=np.asarray(arrays["identity_modes"], dtype=np.float32),
         blendshape_names=BLENDSHAPE_NAMES,
-        blendshape_deltas=blendshape_deltas(arrays["expression_names"], arrays["expression_deltas"]),
-        rigid_parts={"teeth": "jaw", "eyeball_left": "eye", "eyeball_right": "eye"},
+        blendshape_deltas=deltas,
+        rigid_parts={
+            "teeth_upper": "skull",
+            "teeth_lower": "jaw",
+            "eyeball_left": "eye",
+            "eyeball_right": "eye",
+        },
         licence=ICT_LICENCE,
     )
 

@@ -1,0 +1,284 @@
+"""Simulated people: neutrals and personal blendshapes deliberately outside what fitting knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.deform.deformation_transfer import DeformationTransfer
+from facewright.errors import ValueRangeError
+from facewright.faces.blendshape_names import mirrored_name
+from facewright.faces.contact import Contact, face_contacts
+from facewright.faces.face import Face
+from facewright.faces.rigid_motion import RigidMotion, rigid_motions
+from facewright.mesh.connectivity import vertex_components
+from facewright.mesh.random_field import smooth_random_field
+from facewright.numeric.check import check_shape
+
+Progress = Callable[[str, int, int], None]
+
+CORRELATION_MM = (15.0, 40.0)
+NEUTRAL_FIELD_RMS_MM = 0.5
+AMPLITUDE = (0.7, 1.2)
+LEFT_RIGHT_DIFFERENCE = 0.15
+PERTURBATION = 0.15
+
+_FOLLOW_MM = 4.0  # loose geometry (lashes, lacrimal fluid) follows the skin within about this distance
+_SEALED_MM = 2.0  # lips whose offset a shape changes by less than about this stay as they are
+_FIELD_BATCH = 8  # neutrals whose random fields share their waves
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedPerson:
+    """One made-up person.
+
+    Parameters
+    ----------
+    neutral : ndarray of shape (V, 3), float32, millimetres
+        The face at rest.
+    deltas : ndarray of shape (46, V, 3), float32, millimetres
+        Personal blendshapes, displacements from `neutral` at weight one.
+    amplitudes : ndarray of shape (46,), float64
+        How far the person goes with each shape, relative to the generic face.
+    """
+
+    neutral: NDArray[np.float32]
+    deltas: NDArray[np.float32]
+    amplitudes: NDArray[np.float64]
+
+    def pose(self, weights: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Return the person with blendshape weights (46,) or (T, 46): vertices (V, 3) or (T, V, 3).
+
+        Raises
+        ------
+        ShapeError
+            If `weights` is not (46,) or (T, 46).
+        """
+        n_shapes = len(self.deltas)
+        if np.ndim(weights) == 1:
+            check_shape("weights", weights, n_shapes)
+        else:
+            check_shape("weights", weights, "T", n_shapes)
+        w = np.asarray(weights, dtype=np.float32).reshape(-1, n_shapes)
+        posed = self.neutral + (w @ self.deltas.reshape(n_shapes, -1)).reshape(-1, *self.neutral.shape)
+        return posed.reshape(np.shape(weights)[:-1] + self.neutral.shape)
+
+
+def simulate_neutrals(face: Face, n: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Draw `n` neutral faces: mean + N(0, 1) on all identity modes + a smooth random field, lips sealed as in the mean.
+
+    Parameters
+    ----------
+    face : Face
+        Source of mean and modes; use ``face.skin()`` for the skin alone.
+    n : int
+        Number of people.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    ndarray of shape (n, V, 3), float32, millimetres
+        Neutral faces.
+
+    Raises
+    ------
+    ValueRangeError
+        If `n` is negative.
+    """
+    if n < 0:
+        raise ValueRangeError(f"n must not be negative, got {n}.")
+    return _simulator(face).neutrals(n, rng)
+
+
+def simulate_person(face: Face, rng: np.random.Generator) -> SimulatedPerson:
+    """Draw one person with a neutral and 46 personal blendshapes.
+
+    Personal blendshapes are the generic ones carried over by deformation transfer, times an amplitude of U(0.7, 1.2)
+    each with left and right up to 15 % apart, plus a smooth perturbation of 15 % of the shape's own RMS size that lives
+    where the shape moves. Closed lids and sealed lips meet as they do in the generic face, mouthClose goes as far as
+    jawOpen, teeth and eyeballs move rigidly.
+    """
+    simulator = _simulator(face)
+    return simulator.person(simulator.neutrals(1, rng)[0], rng)
+
+
+def simulate_population(
+    face: Face,
+    n: int,
+    rng: np.random.Generator,
+    progress: Progress | None = None,
+    *,
+    out: NDArray[np.float32] | None = None,
+) -> NDArray[np.float32]:
+    """Draw `n` people as one tensor of shapes.
+
+    Parameters
+    ----------
+    face : Face
+        Source face; ``face.skin()`` for the 11K mesh.
+    n : int
+        Number of people.
+    rng : numpy.random.Generator
+        Source of randomness.
+    progress : callable, optional
+        Called as progress("simulating people", done, total).
+    out : ndarray of shape (n, 47, V, 3), float32, optional
+        Where to write, for example a memory-mapped file.
+
+    Returns
+    -------
+    ndarray of shape (n, 47, V, 3), float32, millimetres
+        Shape 0 is the neutral, shape i the neutral plus blendshape i.
+
+    Raises
+    ------
+    ValueRangeError
+        If `n` is negative.
+    ShapeError
+        If `out` is of another shape.
+    """
+    if n < 0:
+        raise ValueRangeError(f"n must not be negative, got {n}.")
+    shape = (n, 1 + len(face.blendshape_names), face.topology.n_vertices, 3)
+    if out is None:
+        out = np.zeros(shape, dtype=np.float32)
+    check_shape("out", out, *shape)
+    simulator = _simulator(face)
+    for i, neutral in enumerate(simulator.neutrals(n, rng)):
+        person = simulator.person(neutral, rng)
+        out[i, 0] = person.neutral
+        np.add(person.neutral, person.deltas, out=out[i, 1:])
+        if progress is not None:
+            progress("simulating people", i + 1, n)
+    return out
+
+
+class _Simulator:
+    """What is computed once for a face: the surface that deforms, what follows it, what moves rigidly."""
+
+    def __init__(self, face: Face) -> None:
+        self.face = face
+        topology = face.topology
+        V = topology.n_vertices
+        labels = vertex_components(topology.faces, V)
+        self.skin = np.arange(face.n_skin)
+        surface = np.isin(labels, np.unique(labels[self.skin]))
+        self.surface = np.flatnonzero(surface)
+        number = np.cumsum(surface) - 1
+        self.surface_faces = number[topology.faces[surface[topology.faces].all(axis=1)]]
+        self.mean = face.mean_shape.astype(np.float64)
+        self.generic = face.blendshape_deltas.astype(np.float64)
+        self.contacts: dict[str, Contact] = face_contacts(
+            self.mean, topology, topology.faces[surface[topology.faces].all(axis=1)]
+        )
+        self.rigid: list[RigidMotion] = rigid_motions(face)
+        rigid_ids = np.concatenate([np.empty(0, int), *(motion.vertices for motion in self.rigid)])
+        self.loose = np.setdiff1d(np.flatnonzero(~surface), rigid_ids)
+        self._prepare_followers()
+        self.partner = np.array([face.blendshape_names.index(mirrored_name(n)) for n in face.blendshape_names])
+        self.reach = self._reach()
+
+    def _prepare_followers(self) -> None:
+        """Bind loose vertices to their four nearest surface vertices."""
+        from scipy.spatial import cKDTree
+
+        distance, self.follow_ids = cKDTree(self.mean[self.surface]).query(self.mean[self.loose], k=4)
+        weights = np.exp(-0.5 * (distance / _FOLLOW_MM) ** 2)
+        nearness = np.exp(-0.5 * (distance[:, :1] / _FOLLOW_MM) ** 2) if len(self.loose) else weights
+        self.follow_weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12) * nearness
+
+    def _reach(self) -> NDArray[np.float64]:
+        """Return (46, V): 1 where a shape moves by 30 % of its largest motion or more, down to 0 where it is still."""
+        size = np.linalg.norm(self.generic, axis=2)
+        largest = size[:, self.skin].max(axis=1, keepdims=True)
+        return np.clip(size / np.maximum(0.3 * largest, 1e-9), 0.0, 1.0)
+
+    def neutrals(self, n: int, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Return (n, V, 3) neutral faces."""
+        face = self.face
+        n_modes = len(face.identity_basis)
+        result = np.zeros((n, face.topology.n_vertices, 3), dtype=np.float32)
+        for start in range(0, n, _FIELD_BATCH):
+            count = min(_FIELD_BATCH, n - start)
+            c = rng.normal(size=(count, n_modes)).astype(np.float32)
+            fields = self._skin_fields(count, rng) * NEUTRAL_FIELD_RMS_MM
+            for motion in self.rigid:
+                fields[:, motion.vertices] = fields[:, motion.vertices].mean(axis=1, keepdims=True)
+            modes = (c @ face.identity_basis.reshape(n_modes, -1)).reshape(count, -1, 3)
+            result[start : start + count] = self.mean + modes + fields
+        if "lips" in self.contacts:
+            lips = self.contacts["lips"]
+            lips.change(result, lips.offsets(self.mean) - lips.offsets(result))
+        return result
+
+    def _skin_fields(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Return (count, V, 3) smooth random fields with an RMS length of 1 over the skin."""
+        fields = smooth_random_field(self.mean, rng.uniform(*CORRELATION_MM), 1.0, rng, n_fields=count)
+        return fields / _rms(fields[:, self.skin])[:, None, None]
+
+    def person(self, neutral: NDArray[np.float32], rng: np.random.Generator) -> SimulatedPerson:
+        """Return the person with this neutral (V, 3)."""
+        amplitudes = self._amplitudes(rng)
+        rest = neutral.astype(np.float64)
+        source = self.mean[self.surface]
+        transfer = DeformationTransfer(source, rest[self.surface], self.surface_faces)
+        carried = transfer.transfer(source + self.generic[:, self.surface]) - rest[self.surface]
+        deltas = amplitudes[:, None, None] * self.generic
+        deltas[:, self.surface] = amplitudes[:, None, None] * carried
+        offsets = {name: contact.offsets(deltas) for name, contact in self.contacts.items()}
+        field = self._skin_fields(len(deltas), rng) * self.reach[:, :, None]
+        size = PERTURBATION * _rms(deltas[:, self.skin]) / np.maximum(_rms(field[:, self.skin]), 1e-12)
+        field *= size[:, None, None]
+        deltas[:, self.surface] += field[:, self.surface]
+        self._keep_contacts(rest, deltas, offsets)
+        difference = deltas[:, self.surface] - amplitudes[:, None, None] * self.generic[:, self.surface]
+        for k in range(self.follow_weights.shape[1]):
+            deltas[:, self.loose] += self.follow_weights[:, k, None] * difference[:, self.follow_ids[:, k]]
+        for motion in self.rigid:
+            deltas[:, motion.vertices] = motion.deltas(rest[motion.vertices], amplitudes)
+        return SimulatedPerson(neutral, deltas.astype(np.float32), amplitudes)
+
+    def _amplitudes(self, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Draw (46,) amplitudes: U(0.7, 1.2) per pair, its sides up to 15 % apart; mouthClose as jawOpen."""
+        names = self.face.blendshape_names
+        amplitudes = rng.uniform(*AMPLITUDE, len(names))
+        lean = rng.uniform(-0.5, 0.5, len(names)) * LEFT_RIGHT_DIFFERENCE
+        for i, j in enumerate(self.partner):
+            if i < j:
+                amplitudes[j] = amplitudes[i] * (1.0 - lean[i])
+                amplitudes[i] = amplitudes[i] * (1.0 + lean[i])
+        if "mouthClose" in names and "jawOpen" in names:
+            amplitudes[names.index("mouthClose")] = amplitudes[names.index("jawOpen")]
+        return amplitudes
+
+    def _keep_contacts(
+        self, rest: NDArray[np.float64], deltas: NDArray[np.float64], before: dict[str, NDArray[np.float64]]
+    ) -> None:
+        """Undo what the perturbation did to sealed lips, and close the lids as the generic face does."""
+        names = self.face.blendshape_names
+        if "lips" in self.contacts:
+            lips = self.contacts["lips"]
+            opening = np.linalg.norm(before["lips"], axis=2, keepdims=True)
+            sealed = np.exp(-0.5 * (opening / _SEALED_MM) ** 2)
+            lips.change(deltas, sealed * (before["lips"] - lips.offsets(deltas)))
+        for side in ("left", "right"):
+            shape = f"eyeBlink_{side[0].upper()}"
+            if f"lid_{side}" in self.contacts and shape in names:
+                i, lid = names.index(shape), self.contacts[f"lid_{side}"]
+                wanted = lid.offsets(self.mean + self.generic[i])
+                lid.change(deltas[i], wanted - lid.offsets(rest + deltas[i]))
+
+
+def _rms(fields: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the RMS length of displacements (N, V, 3) per field, shape (N,)."""
+    return np.sqrt((fields**2).sum(axis=2).mean(axis=1))
+
+
+@lru_cache(maxsize=4)
+def _simulator(face: Face) -> _Simulator:
+    return _Simulator(face)
