@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 from facewright.errors import ShapeError, ValueRangeError
 from facewright.imaging.rasterise import rasterise
 
-_spec = importlib.util.spec_from_file_location("reference_rasterise", Path(__file__).with_name("reference_rasterise.py"))
+_spec = importlib.util.spec_from_file_location(
+    "reference_rasterise", Path(__file__).with_name("reference_rasterise.py")
+)
 reference = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(reference)
 

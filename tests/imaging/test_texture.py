@@ -28,7 +28,9 @@ def test_sampling_a_ramp_gives_the_position():
 
 
 def test_texels_cover_the_image_from_edge_to_edge():
-    np.testing.assert_allclose(texels_from_uv(np.array([[0.0, 1.0], [1.0, 0.0]]), (10, 20)), [[-0.5, -0.5], [19.5, 9.5]])
+    np.testing.assert_allclose(
+        texels_from_uv(np.array([[0.0, 1.0], [1.0, 0.0]]), (10, 20)), [[-0.5, -0.5], [19.5, 9.5]]
+    )
 
 
 def test_baking_and_rendering_gives_the_photo_back():
