@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from facewright.errors import FileFormatError, StoreError
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.faces.face import Face
-from facewright.faces.ict_annotations import ict_masks
+from facewright.faces.ict_annotations import IctAnnotator, ict_landmarks
 from facewright.mesh.topology import Topology
 
 ICT_LICENCE = "MIT, ICT-FaceKit, Copyright (c) 2020 USC Institute for Creative Technologies"
@@ -108,6 +108,8 @@ def ict_face(arrays: Mapping[str, NDArray]) -> Face:
     diagonal = shorter_diagonals(0.5 * (mean + mean[mirror] * np.array([-1, 1, 1], np.float32)), quads)
     faces, parts = triangulate(quads, diagonal), part_ranges()
     deltas = blendshape_deltas(arrays["expression_names"], arrays["expression_deltas"])
+    landmarks = ict_landmarks(arrays["landmarks_68"])
+    masks = IctAnnotator(mean, deltas, faces, quads, parts, landmarks, mirror).masks()
     topology = Topology(
         name="ict",
         n_vertices=len(mean),
@@ -116,8 +118,8 @@ def ict_face(arrays: Mapping[str, NDArray]) -> Face:
         uv=np.asarray(arrays["uv"], dtype=np.float32),
         uv_faces=triangulate(np.asarray(arrays["uv_faces"], dtype=np.int32), diagonal),
         parts=parts,
-        masks=ict_masks(mean, deltas, faces, quads, parts, mirror),
-        landmarks={"ibug68": np.asarray(arrays["landmarks_68"], dtype=np.int32)},
+        masks=masks,
+        landmarks=landmarks,
         mirror=mirror,
     )
     return Face(

@@ -79,3 +79,23 @@ def contact_pairs(
     a, b = upper[mutual], lower[nearest[mutual]]
     order = np.argsort(vertices[b, 0], kind="stable")
     return a[order].astype(np.int32), b[order].astype(np.int32)
+
+
+def shortest_path(adjacency: sparse.csr_matrix, stops: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return the vertices of the shortest path along edges through `stops` in turn, both ends included."""
+    reached, before = dijkstra(adjacency, indices=stops[:-1], return_predecessors=True)
+    path = [int(stops[0])]
+    for row, target in enumerate(stops[1:]):
+        leg = [int(target)]
+        while leg[-1] != stops[row]:
+            leg.append(int(before[row, leg[-1]]))
+        path += leg[-2::-1]
+    return np.array(path, dtype=np.int64)
+
+
+def enclosed(adjacency: sparse.csr_matrix, border: NDArray[np.integer], seed: int) -> NDArray[np.int64]:
+    """Return the vertices that `seed` reaches along edges without crossing `border`, and the border; sorted."""
+    blocked = np.isin(np.arange(adjacency.shape[0]), border)
+    open_edges = sparse.diags((~blocked).astype(float)) @ adjacency @ sparse.diags((~blocked).astype(float))
+    inside = np.isfinite(dijkstra(open_edges, indices=seed, unweighted=True))
+    return np.union1d(np.flatnonzero(inside), border)
