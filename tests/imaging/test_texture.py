@@ -47,15 +47,17 @@ def test_baking_and_rendering_gives_the_photo_back():
     assert texture[:, :20].mean() > 60
 
 
-def test_hidden_vertices_take_base_colours():
+def test_only_chosen_parts_are_textured():
     vertices, topology = globe()
     camera, pixels = portrait_view(vertices, (64, 64), centre_mm=(0, 0, 0), height_mm=160)
-    photo = np.full((64, 64, 3), 200, np.uint8)
-    base = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
-    texture = bake_texture(
-        photo, pixels, camera, topology, size=64, base_colours=base, photographed=np.zeros(len(vertices), bool)
-    )
-    assert (texture[..., 2] > 240).all() and (texture[..., 0] < 10).all()
+    upper = vertices[:, 1] > 0
+    photo = np.full((64, 64, 3), (200, 10, 10), np.uint8)
+    texture = bake_texture(photo, pixels, camera, topology, size=64, textured=upper, perspective=True)
+    blue = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+    albedo = texture_albedo(texture, topology, textured=upper, vertex_colours=blue)
+    seen = albedo(rasterise(pixels, camera[:, 2], topology.faces, (64, 64)))
+    np.testing.assert_allclose(seen[20, 32], [200 / 255, 10 / 255, 10 / 255], atol=0.02)
+    np.testing.assert_allclose(seen[44, 32], [0, 0, 1], atol=1e-6)
 
 
 def test_refuses_meshes_without_an_atlas_and_wrong_counts():
@@ -66,3 +68,5 @@ def test_refuses_meshes_without_an_atlas_and_wrong_counts():
         bake_texture(photo, vertices[:, :2], vertices, bare)
     with pytest.raises(ShapeError, match="pixels must have shape"):
         bake_texture(photo, vertices[:5, :2], vertices, topology)
+    with pytest.raises(ShapeError, match="textured must have shape"):
+        bake_texture(photo, vertices[:, :2], vertices, topology, textured=np.ones(3, bool))

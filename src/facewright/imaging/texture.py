@@ -30,29 +30,44 @@ def texels_from_uv(uv: NDArray[np.floating], size: tuple[int, int]) -> NDArray[n
     return np.stack([uv[:, 0] * width - 0.5, (1.0 - uv[:, 1]) * height - 0.5], axis=1).astype(np.float64)
 
 
-def texture_albedo(texture: NDArray[np.uint8], topology: Topology) -> Callable[[Fragments], NDArray[np.float32]]:
+def texture_albedo(
+    texture: NDArray[np.uint8],
+    topology: Topology,
+    *,
+    textured: NDArray[np.bool_] | None = None,
+    vertex_colours: NDArray[np.floating] | None = None,
+) -> Callable[[Fragments], NDArray[np.float32]]:
     """Make the albedo function of a textured mesh for `render_mesh`.
 
     Parameters
     ----------
-    texture : ndarray of shape (S, S, 3), uint8
+    texture : ndarray of shape (H, W, 3), uint8
         sRGB texture in the topology's uv atlas.
     topology : Topology
-        With `uv` and `uv_faces`.
+        With `uv` and `uv_faces`; the rendered triangles must be its `faces`.
+    textured : ndarray of shape (V,), bool, optional
+        Vertices that the texture covers; all where absent.
+    vertex_colours : ndarray of shape (V, 3), optional
+        sRGB colours in [0, 1] of the rest.
 
     Raises
     ------
     TopologyError
         If the topology has no texture coordinates.
+    ShapeError
+        If `textured` or `vertex_colours` has another number of vertices.
     """
     uv, uv_faces = _require_uv(topology)
     positions = texels_from_uv(uv, (texture.shape[0], texture.shape[1]))
     scaled = texture.astype(np.float32) / 255.0
+    chosen = _chosen_faces(topology, textured)
+    plain = np.full((topology.n_vertices, 3), 0.7) if vertex_colours is None else vertex_colours
+    check_shape("vertex_colours", plain, topology.n_vertices, 3)
 
     def albedo(fragments: Fragments) -> NDArray[np.float32]:
-        out = np.zeros((*fragments.face_index.shape, 3), np.float32)
-        covered = fragments.covered
-        out[covered] = sample_bilinear(scaled, fragments.interpolate(uv_faces, positions)[covered])
+        out = fragments.interpolate(topology.faces, plain)
+        on_texture = fragments.covered & chosen[fragments.face_index]
+        out[on_texture] = sample_bilinear(scaled, fragments.interpolate(uv_faces, positions)[on_texture])
         return out
 
     return albedo
@@ -65,8 +80,7 @@ def bake_texture(
     topology: Topology,
     *,
     size: int = 1024,
-    base_colours: NDArray[np.floating] | None = None,
-    photographed: NDArray[np.bool_] | None = None,
+    textured: NDArray[np.bool_] | None = None,
     perspective: bool = False,
 ) -> NDArray[np.uint8]:
     """Carry the photograph that a mesh was fitted to into the mesh's texture atlas.
@@ -86,10 +100,8 @@ def bake_texture(
         With `uv` and `uv_faces`.
     size : int
         Width and height of the texture.
-    base_colours : ndarray of shape (V, 3), optional
-        sRGB colours in [0, 1] for vertices that are not `photographed`, such as teeth.
-    photographed : ndarray of shape (V,), bool, optional
-        Vertices that may take colours from the photo; all where absent.
+    textured : ndarray of shape (V,), bool, optional
+        Vertices that take colours from the photo, such as the skin; all where absent.
     perspective : bool
         Whether `pixels` come from a pinhole.
 
@@ -107,18 +119,21 @@ def bake_texture(
     V = topology.n_vertices
     check_shape("pixels", pixels, V, 2)
     check_shape("camera_vertices", camera_vertices, V, 3)
-    allowed = np.ones(V, bool) if photographed is None else np.asarray(photographed, bool)
+    chosen = _chosen_faces(topology, textured)
     image = photo.astype(np.float32) / 255.0
-    weight = _visibility((image.shape[0], image.shape[1]), pixels, camera_vertices, topology.faces, perspective) * allowed
-    colours = _continue_colours(sample_bilinear(image, pixels), weight, topology.faces, allowed, base_colours)
+    weight = _visibility((image.shape[0], image.shape[1]), pixels, camera_vertices, topology.faces, perspective)
+    skin = np.zeros(V, bool)
+    skin[topology.faces[chosen]] = True
+    weight = weight * skin
+    colours = _continue_colours(sample_bilinear(image, pixels), weight, topology.faces[chosen])
 
     texels = texels_from_uv(uv, (size, size))
-    atlas = rasterise(texels, np.zeros(len(uv)), uv_faces, (size, size), perspective=False)
+    atlas = rasterise(texels, np.zeros(len(uv)), uv_faces[chosen], (size, size), perspective=False)
     inside = atlas.covered
     own = [np.asarray(pixels), weight[:, None]]
     mirror = np.arange(V) if topology.mirror is None else topology.mirror
     other = [np.asarray(pixels)[mirror], weight[mirror][:, None]]
-    values = atlas.interpolate(topology.faces, np.concatenate([*own, *other, colours], axis=1))[inside]
+    values = atlas.interpolate(topology.faces[chosen], np.concatenate([*own, *other, colours], axis=1))[inside]
     seen, seen_mirrored = _ease(values[:, 2:3]), _ease(values[:, 5:6])
     fallback = values[:, 6:9]
     fallback = seen_mirrored * sample_bilinear(image, values[:, 3:5]) + (1 - seen_mirrored) * fallback
@@ -133,6 +148,14 @@ def _require_uv(topology: Topology) -> tuple[NDArray[np.float32], NDArray[np.int
     if topology.uv is None or topology.uv_faces is None:
         raise TopologyError(f"topology {topology.name!r} must have texture coordinates (uv, uv_faces), got none.")
     return topology.uv, topology.uv_faces
+
+
+def _chosen_faces(topology: Topology, textured: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
+    """Return which triangles the texture covers, shape (F,)."""
+    if textured is None:
+        return np.ones(len(topology.faces), bool)
+    check_shape("textured", textured, topology.n_vertices)
+    return np.asarray(textured, bool)[topology.faces].all(axis=1)
 
 
 def _ease(weight: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -164,11 +187,7 @@ def _visibility(
 
 
 def _continue_colours(
-    sampled: NDArray[np.floating],
-    weight: NDArray[np.floating],
-    faces: NDArray[np.integer],
-    allowed: NDArray[np.bool_],
-    base_colours: NDArray[np.floating] | None,
+    sampled: NDArray[np.floating], weight: NDArray[np.floating], faces: NDArray[np.integer]
 ) -> NDArray[np.float32]:
     """Extend the seen vertices' colours smoothly over the rest of the mesh (a screened Laplace equation)."""
     V = len(sampled)
@@ -182,6 +201,4 @@ def _continue_colours(
     screen = 2e-4  # far from anything seen, return to the typical skin colour
     system = (laplacian + sparse.diags(data + screen)).tocsc()
     filled = splu(system).solve(data[:, None] * sampled + screen * typical)
-    if base_colours is not None:
-        filled = np.where(allowed[:, None], filled, base_colours)
     return filled.astype(np.float32)
