@@ -1,0 +1,273 @@
+"""Fitting the bilinear model to the landmarks of one picture (FaceWarehouse 4.1.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.camera.pinhole import Intrinsics, RigidMotion
+from facewright.camera.rotation import head_angles_from_rotation
+from facewright.camera.weak_perspective import WeakPerspective
+from facewright.errors import DegenerateError, ValueRangeError
+from facewright.fitting.coordinate_descent import Targets, descend, start_state
+from facewright.fitting.energies.expression_prior import ExpressionPrior
+from facewright.fitting.energies.identity_prior import IdentityPrior
+from facewright.fitting.landmark_model import LandmarkModel
+from facewright.fitting.perspective_refinement import CameraPrior, refine
+from facewright.landmarks.points import Landmarks, interocular_distance
+from facewright.landmarks.scheme import load_scheme
+from facewright.models.bilinear import BilinearModel
+from facewright.models.blendshapes import BlendshapeRig
+
+#: Fewest fixed landmarks that a face is fitted to.
+MIN_LANDMARKS = 10
+
+
+@dataclass(frozen=True)
+class PhotoFitOptions:
+    """How a photo is fitted.
+
+    Parameters
+    ----------
+    rounds : int
+        Rounds of weak-perspective coordinate descent.
+    perspective : bool
+        Whether to refine under full perspective.
+    refinements : int
+        Steps of that refinement.
+    focal_length : float or None
+        Focal length in pixels where it is known (EXIF); guessed from the picture's size otherwise.
+    noise_mm : float
+        Standard deviation, per coordinate, of a landmark of confidence 1, as a length on the face; also stands for what
+        the model cannot represent.
+    expression_spread, expression_sparsity : float
+        Prior of the FACS coefficients, see `ExpressionPrior`.
+    """
+
+    rounds: int = 5
+    perspective: bool = True
+    refinements: int = 6
+    focal_length: float | None = None
+    noise_mm: float = 1.0
+    expression_spread: float = 0.35
+    expression_sparsity: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1 or self.refinements < 0:
+            raise ValueRangeError(
+                f"rounds must be at least 1 and refinements at least 0, got {self.rounds} and {self.refinements}."
+            )
+        for name in ("noise_mm", "expression_spread"):
+            if not getattr(self, name) > 0:
+                raise ValueRangeError(f"{name} must be positive, got {getattr(self, name)}.")
+        if self.focal_length is not None and not (np.isfinite(self.focal_length) and self.focal_length > 0):
+            raise ValueRangeError(f"focal_length must be positive, got {self.focal_length}.")
+
+
+@dataclass(frozen=True, eq=False)
+class PhotoFit:
+    """A face found in a picture.
+
+    Parameters
+    ----------
+    model : BilinearModel
+        The model it was fitted with.
+    identity_weights : ndarray of shape (I,)
+        w_id.
+    expression_weights : ndarray of shape (E,)
+        w_exp; the mixture of the FACS shapes by `blendshape_weights` (eq. 17).
+    blendshape_weights : ndarray of shape (B,)
+        FACS coefficients beta in [0, 1]; the neutral's own is 1 - sum(beta).
+    weak_camera : WeakPerspective
+        s, R, t of eq. 13, from the coordinate descent.
+    intrinsics, camera_from_model : Intrinsics and RigidMotion, or None
+        The pinhole camera, where it was refined.
+    landmarks : Landmarks
+        What was fitted to.
+    reprojection : ndarray of shape (L, 2), pixels
+        Where the fit has these landmarks; NaN for points that the mesh does not mark.
+    image_size : (height, width)
+        Size of the picture.
+    """
+
+    model: BilinearModel
+    identity_weights: NDArray[np.float64]
+    expression_weights: NDArray[np.float64]
+    blendshape_weights: NDArray[np.float64]
+    weak_camera: WeakPerspective
+    intrinsics: Intrinsics | None
+    camera_from_model: RigidMotion | None
+    landmarks: Landmarks
+    reprojection: NDArray[np.float64]
+    image_size: tuple[int, int]
+
+    @cached_property
+    def vertices(self) -> NDArray[np.float32]:
+        """The fitted face (V, 3), model space, millimetres: eq. (10)."""
+        return self.model.synthesise(self.identity_weights, self.expression_weights)
+
+    @cached_property
+    def rig(self) -> BlendshapeRig:
+        """The person's neutral and FACS blendshapes: eq. (17)."""
+        return self.model.blendshapes(self.identity_weights)
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """Rotation of the head, camera_from_model, (3, 3)."""
+        return self.weak_camera.rotation if self.camera_from_model is None else self.camera_from_model.rotation
+
+    @property
+    def head_angles_degrees(self) -> tuple[float, float, float]:
+        """Yaw, pitch and roll of the head; see `rotation_from_head_angles`."""
+        return head_angles_from_rotation(self.rotation)
+
+    def project(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Project model points (..., 3) into the picture, pixels (..., 2)."""
+        if self.intrinsics is None or self.camera_from_model is None:
+            return self.weak_camera.project(points)
+        return self.intrinsics.project(self.camera_from_model.apply(points))
+
+    def camera_points(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Move model points (..., 3) into the camera's axes, millimetres; for depth tests and shading."""
+        if self.camera_from_model is None:
+            return self.weak_camera.camera_points(points)
+        return self.camera_from_model.apply(points)
+
+    @property
+    def residuals_px(self) -> NDArray[np.float64]:
+        """Distance of each landmark from the fit's, (L,), NaN where either is missing."""
+        return np.linalg.norm(self.reprojection - self.landmarks.points, axis=1)
+
+    @property
+    def reprojection_iod(self) -> float:
+        """Mean distance of the landmarks from the fit's, as a share of the inter-ocular distance.
+
+        All landmarks that were found and that the mesh marks count equally, contour points at the nearest place of
+        the outline. The inter-ocular distance is that of the fit's eye outline centres in the picture.
+        """
+        return float(np.nanmean(self.residuals_px)) / interocular_distance(self.reprojection, self.landmarks.scheme)
+
+
+class PhotoFitter:
+    """Fits faces of one model to landmarks; keeps what does not depend on the picture.
+
+    Parameters
+    ----------
+    model : BilinearModel
+        The model; its topology must mark the scheme's landmarks and the jaw line.
+    scheme : str
+        Landmark scheme that is fitted to; landmarks of others are converted.
+
+    Raises
+    ------
+    TopologyError
+        If the topology does not mark the landmarks.
+    ValueRangeError
+        If the scheme is unknown.
+    """
+
+    def __init__(self, model: BilinearModel, scheme: str = "fw74") -> None:
+        self.model = model
+        self.scheme = load_scheme(scheme)
+        self._prior = IdentityPrior.of(model)
+        self._landmark_model = LandmarkModel.of(model, self.scheme, self._prior)
+
+    def fit(
+        self, landmarks: Landmarks, image_size: tuple[int, int], options: PhotoFitOptions | None = None
+    ) -> PhotoFit:
+        """Fit a face to landmarks.
+
+        Parameters
+        ----------
+        landmarks : Landmarks
+            Of any scheme that converts to the fitter's. Missing points are ignored.
+        image_size : (height, width)
+            Size of the picture, pixels: gives the principal point and the guess of the focal length.
+        options : PhotoFitOptions, optional
+            Defaults where absent.
+
+        Returns
+        -------
+        PhotoFit
+            The fit.
+
+        Raises
+        ------
+        ValueRangeError
+            If the landmarks are of a scheme that cannot be converted.
+        DegenerateError
+            If too few landmarks are present, or they lie in one spot.
+        """
+        options = options or PhotoFitOptions()
+        found = landmarks.convert(self.scheme.name)
+        small = self._landmark_model
+        n_present = int(found.present[small.fixed].sum())
+        if n_present < MIN_LANDMARKS:
+            raise DegenerateError(f"at least {MIN_LANDMARKS} landmarks inside the face are needed, got {n_present}.")
+        order = np.concatenate([small.fixed, small.sliding])
+        pixels = np.where(found.present[:, None], found.points, 0.0)[order]
+        targets = Targets(pixels, found.confidence[order], len(small.fixed), options.noise_mm)
+        prior = ExpressionPrior(options.expression_spread, options.expression_sparsity)
+        state, core = descend(small, targets, prior, start_state(small, targets), options.rounds)
+        intrinsics, motion, c, beta = None, None, state.c, state.beta
+        if options.perspective:
+            fine = refine(
+                small, targets, prior, _camera_prior(options, image_size), state, image_size, options.refinements
+            )
+            intrinsics, motion, c, beta = fine.intrinsics, fine.motion, fine.c, fine.beta
+        fit = PhotoFit(
+            model=self.model,
+            identity_weights=self._prior.weights(c),
+            expression_weights=small.expression(beta),
+            blendshape_weights=beta,
+            weak_camera=state.camera,
+            intrinsics=intrinsics,
+            camera_from_model=motion,
+            landmarks=found,
+            reprojection=np.empty((0, 2)),
+            image_size=image_size,
+        )
+        return self._with_reprojection(fit, c, beta, targets, order)
+
+    def _with_reprojection(
+        self,
+        fit: PhotoFit,
+        c: NDArray[np.float64],
+        beta: NDArray[np.float64],
+        targets: Targets,
+        order: NDArray[np.int32],
+    ) -> PhotoFit:
+        """Fill in where the fit has the landmarks."""
+        from dataclasses import replace
+
+        from facewright.landmarks.contour import slide_on_outline
+
+        small = self._landmark_model
+        outline = fit.project(small.outline(c, beta))
+        chosen = small.strips.outline(outline, fit.rotation)
+        sliding = slide_on_outline(targets.contour, outline[np.arange(len(chosen)), chosen])
+        core = small.with_contour(chosen, sliding)
+        flat = core.reshape(len(core), -1)
+        points = (flat[0] + c @ flat[1:]).reshape(core.shape[1:]) @ small.expression(beta)
+        reprojection = np.full((self.scheme.n_points, 2), np.nan)
+        reprojection[order] = fit.project(points)
+        return replace(fit, reprojection=reprojection)
+
+
+def fit_photo(
+    model: BilinearModel,
+    landmarks: Landmarks,
+    image_size: tuple[int, int],
+    options: PhotoFitOptions | None = None,
+) -> PhotoFit:
+    """Fit a face to the landmarks of one picture; one line over `PhotoFitter`."""
+    return PhotoFitter(model).fit(landmarks, image_size, options)
+
+
+def _camera_prior(options: PhotoFitOptions, image_size: tuple[int, int]) -> CameraPrior:
+    if options.focal_length is not None:
+        return CameraPrior(options.focal_length, 0.05)
+    return CameraPrior(Intrinsics.for_image(image_size).focal_x, 0.4)
