@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from facewright.faces.ict import read_compact_arrays, ict_face
+from facewright.faces.ict import ict_face, read_compact_arrays
 from facewright.faces.ict_rings import polygon_adjacency, shortest_path
 from facewright.faces.store import stored_face_path
 from facewright.imaging.portrait import portrait_view, render_portrait

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from facewright.errors import FileFormatError
 from facewright.faces.blendshape_names import blendshape_index, read_package_json

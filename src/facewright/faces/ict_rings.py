@@ -83,7 +83,7 @@ def contact_pairs(
 
 def shortest_path(adjacency: sparse.csr_matrix, stops: NDArray[np.integer]) -> NDArray[np.int64]:
     """Return the vertices of the shortest path along edges through `stops` in turn, both ends included."""
-    reached, before = dijkstra(adjacency, indices=stops[:-1], return_predecessors=True)
+    before = dijkstra(adjacency, indices=stops[:-1], return_predecessors=True)[1]
     path = [int(stops[0])]
     for row, target in enumerate(stops[1:]):
         leg = [int(target)]

@@ -1,0 +1,255 @@
+"""How made-up people look: skin, lips, brows, eyes and light, evaluated per vertex or per pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.faces.face import Face
+from facewright.faces.paint_map import PaintMap, build_paint_map
+
+_SKIN_TONES = np.array(
+    [
+        [0.95, 0.82, 0.75],
+        [0.90, 0.73, 0.63],
+        [0.82, 0.63, 0.51],
+        [0.70, 0.50, 0.38],
+        [0.54, 0.37, 0.28],
+        [0.38, 0.26, 0.20],
+    ]
+)
+_HAIR_TONES = np.array(
+    [
+        [0.10, 0.08, 0.07],
+        [0.20, 0.13, 0.10],
+        [0.32, 0.22, 0.15],
+        [0.50, 0.37, 0.23],
+        [0.45, 0.26, 0.16],
+        [0.5, 0.49, 0.48],
+    ]
+)
+_IRIS_TONES = np.array(
+    [
+        [0.20, 0.11, 0.06],
+        [0.33, 0.20, 0.10],
+        [0.40, 0.33, 0.18],
+        [0.33, 0.42, 0.30],
+        [0.36, 0.50, 0.60],
+        [0.45, 0.52, 0.56],
+    ]
+)
+_TEETH = np.array([0.90, 0.87, 0.79])
+_FLESH = np.array([0.66, 0.33, 0.32])
+_CAVITY = np.array([0.34, 0.13, 0.13])
+
+
+@dataclass(frozen=True, eq=False)
+class Appearance:
+    """Colours (sRGB in [0, 1]), brow shape and light of one made-up person.
+
+    Parameters
+    ----------
+    skin, lips, brows, iris, sclera, hair : ndarray of shape (3,), float64
+        sRGB colours.
+    brow_density, brow_thickness, brow_arch_mm : float
+        Opacity of the brows, their width relative to the face's own, and how far their middle is lifted.
+    flush : float
+        Strength of the redness of cheeks and nose.
+    hair_density : float
+        Opacity of a closely cut scalp; 0 is bald.
+    light_directions : ndarray of shape (N, 3), float64
+        Towards each light, camera frame (x right, y down, z away from the viewer).
+    light_colours : ndarray of shape (N, 3), float64
+        Linear RGB intensities.
+    sky, ground : tuple of 3 floats
+        Ambient linear RGB from above and from below.
+    background : tuple of 3 ints
+        sRGB colour behind the person.
+    grain : ndarray of shape (7, 12), float64
+        Waves of the skin's mottling: wave vector, phase (rows 0-3) and colour (rows 4-6).
+    """
+
+    skin: NDArray[np.float64]
+    lips: NDArray[np.float64]
+    brows: NDArray[np.float64]
+    iris: NDArray[np.float64]
+    sclera: NDArray[np.float64]
+    hair: NDArray[np.float64]
+    brow_density: float
+    brow_thickness: float
+    brow_arch_mm: float
+    flush: float
+    hair_density: float
+    light_directions: NDArray[np.float64]
+    light_colours: NDArray[np.float64]
+    sky: tuple[float, float, float]
+    ground: tuple[float, float, float]
+    background: tuple[int, int, int]
+    grain: NDArray[np.float64]
+
+
+class PixelSamples(Protocol):
+    """What pixels see of a mesh; `facewright.imaging.rasterise.Fragments` is one."""
+
+    def interpolate(self, faces: NDArray[np.integer], attributes: NDArray[np.floating]) -> NDArray[np.float32]:
+        """Interpolate vertex attributes (V, C) to (H, W, C)."""
+
+
+def sample_appearance(rng: np.random.Generator) -> Appearance:
+    """Draw an appearance: skin from light to dark, with lips, brows, eyes and light that go with it."""
+    tone = rng.uniform(0.0, len(_SKIN_TONES) - 1.0)
+    skin = _between(_SKIN_TONES, tone) * rng.uniform(0.95, 1.03) * (1.0 + rng.normal(0, 0.015, 3))
+    lips = skin * np.array([0.90, 0.68, 0.67]) + rng.uniform(-0.03, 0.07) * np.array([1.0, 0.1, 0.25])
+    darkest = 1.2 if tone > 2.5 else len(_HAIR_TONES) - 1.0
+    hair = _between(_HAIR_TONES, rng.uniform(0.0, darkest))
+    iris = _between(_IRIS_TONES, rng.uniform(0.0, 1.2 if tone > 2.5 else len(_IRIS_TONES) - 1.0))
+    key_side, key_height = np.deg2rad(rng.uniform(-55, 55)), np.deg2rad(rng.uniform(5, 50))
+    key = [np.sin(key_side) * np.cos(key_height), -np.sin(key_height), -np.cos(key_side) * np.cos(key_height)]
+    warmth = rng.uniform(-0.06, 0.06) * np.array([1.0, 0.0, -1.0])
+    gain = 1.0 + 0.25 * tone / len(_SKIN_TONES)  # dark skin is photographed with more light
+    return Appearance(
+        skin=np.clip(skin, 0.02, 0.98),
+        lips=np.clip(lips, 0.02, 0.95),
+        brows=np.minimum(hair * rng.uniform(0.7, 1.0), 0.62 * skin),
+        iris=iris,
+        sclera=np.array([0.90, 0.88, 0.86]) * rng.uniform(0.92, 1.02),
+        hair=np.minimum(hair, 0.85 * skin),
+        brow_density=rng.uniform(0.55, 0.95),
+        brow_thickness=rng.uniform(0.75, 1.25),
+        brow_arch_mm=rng.uniform(-0.8, 0.8),
+        flush=rng.uniform(0.0, 1.0),
+        hair_density=rng.uniform(0.5, 0.95) if rng.random() < 0.7 else 0.0,
+        light_directions=np.array([key, [-np.sign(key_side) * 0.8, -0.2, -0.55], [0.1, -0.75, 0.55]]),
+        light_colours=gain
+        * np.stack(
+            [
+                rng.uniform(0.55, 0.85) * (1.0 + warmth),
+                rng.uniform(0.15, 0.35) * (1.0 - warmth),
+                np.full(3, rng.uniform(0.1, 0.3)),
+            ]
+        ),
+        sky=_triple(gain * rng.uniform(0.26, 0.38) * (1.0 - 0.5 * warmth)),
+        ground=_triple(gain * rng.uniform(0.13, 0.20) * (1.0 + 0.5 * warmth)),
+        background=_background(rng),
+        grain=np.concatenate(
+            [rng.normal(0, 0.25, (3, 12)), rng.uniform(0, 2 * np.pi, (1, 12)), rng.normal(0, 0.006, (3, 12))]
+        ),
+    )
+
+
+def vertex_colors(face: Face, appearance: Appearance) -> NDArray[np.float32]:
+    """Return one sRGB colour for each vertex, shape (V, 3) in [0, 1]: `albedo_function` sampled at the vertices."""
+    paint = _paint_map(face)
+    return _paint(paint, paint.attributes, appearance).astype(np.float32)
+
+
+def albedo_function(face: Face, appearance: Appearance, faces: NDArray[np.integer]) -> Callable[[Any], NDArray]:
+    """Return a function from pixel samples to sRGB surface colour, for ``render_mesh(albedo=...)``.
+
+    Brows, lip border, lash lines and irises are drawn per pixel, in coordinates that stick to the surface (those of the
+    generic neutral), so that they stay sharp on any mesh and move with any expression.
+
+    Parameters
+    ----------
+    face : Face
+        Whose topology is rendered.
+    appearance : Appearance
+        Colours.
+    faces : ndarray of shape (F, 3)
+        The triangles handed to the renderer (see `visible_faces`).
+    """
+    paint = _paint_map(face)
+
+    def albedo(samples: PixelSamples) -> NDArray[np.float32]:
+        values = samples.interpolate(faces, paint.attributes)
+        return _paint(paint, values.reshape(-1, values.shape[-1]), appearance).reshape(*values.shape[:-1], 3)
+
+    return albedo
+
+
+def visible_faces(face: Face) -> NDArray[np.int32]:
+    """Return the triangles to render: all but lashes, tear fluid and the other see-through shells round the eyes."""
+    keep = np.ones(face.topology.n_vertices, dtype=bool)
+    for name, (start, stop) in face.topology.parts.items():
+        if name.startswith(("lacrimal", "eye_blend", "eye_occlusion", "eyelash")):
+            keep[start:stop] = False
+    return face.topology.faces[keep[face.topology.faces].all(axis=1)]
+
+
+@lru_cache(maxsize=4)
+def _paint_map(face: Face) -> PaintMap:
+    return build_paint_map(face)
+
+
+def _paint(paint: PaintMap, values: NDArray[np.floating], look: Appearance) -> NDArray[np.float32]:
+    """Return the sRGB colour (N, 3) at samples of the attributes (N, C)."""
+    a = paint.columns(values)
+    x, y = np.abs(a["position"][:, 0]), a["position"][:, 1]
+    # Skin: mottling, flush, scalp.
+    waves = np.sin(a["position"] @ look.grain[:3] + look.grain[3])
+    skin = look.skin * (1.0 + waves @ look.grain[4:].T)
+    skin = skin * (1.0 - 0.10 * look.flush * a["flush"][:, None] * np.array([0.0, 1.0, 0.9]))
+    skin = skin * (1.0 - 0.12 * a["eye_shade"][:, None])
+    skin = _over(skin, look.hair, look.hair_density * _smoothstep(a["scalp"], 0.35, 0.75))
+    # Brows: a band along their middle curve, with hairs.
+    along, across = paint.brow_coordinates(x, y, look.brow_arch_mm, look.brow_thickness)
+    hairs = 0.8 + 0.2 * np.sin(2.6 * x + 1.8 * np.abs(across) * paint.brow_width_mm + 1.7 * y)
+    band = (
+        _smoothstep(1.25 - np.abs(across), 0.0, 0.5)
+        * _smoothstep(along, 0.0, 0.06)
+        * _smoothstep(1.0 - along, 0.0, 0.12)
+    )
+    skin = _over(skin, look.brows, look.brow_density * band * hairs * a["front"])
+    # Lips and lash lines.
+    skin = _over(skin, look.lips, 0.9 * _smoothstep(a["lips"], 0.35, 0.65))
+    skin = _over(skin, 0.25 * look.brows, 0.85 * np.exp(-((a["lash"] / 0.9) ** 2)))
+    colour = _over(skin, look.skin * np.array([0.95, 0.72, 0.70]), a["lid_margin"] * 0.6)
+    for name, tone in (("teeth", _TEETH), ("flesh", _FLESH), ("cavity", _CAVITY)):
+        colour = _over(colour, tone, a[name])
+    colour = colour * (1.0 - 0.75 * a["depth_in_mouth"][:, None])
+    return np.clip(_over(colour, _eyeball(a, paint, look), _smoothstep(a["eye"], 0.45, 0.55)), 0.0, 1.0).astype(
+        np.float32
+    )
+
+
+def _eyeball(a: dict[str, NDArray], paint: PaintMap, look: Appearance) -> NDArray[np.float64]:
+    """Return the eyeball's colour: sclera, limbus, iris with radial streaks, pupil."""
+    dx, dy = np.abs(a["position"][:, 0]) - paint.iris_centre[0], a["position"][:, 1] - paint.iris_centre[1]
+    r = np.hypot(dx, dy) / paint.iris_radius_mm
+    facing = a["position"][:, 2] > paint.iris_centre[2] - paint.iris_radius_mm
+    streaks = 1.0 + 0.18 * np.sin(23.0 * np.arctan2(dy, dx)) * np.clip(r, 0, 1)
+    iris = look.iris * (streaks * (1.15 - 0.35 * r))[:, None]
+    iris = _over(iris, np.full(3, 0.03), _smoothstep(0.42 - r, -0.04, 0.04))
+    iris = _over(iris, 0.35 * look.iris, 0.8 * _smoothstep(r, 0.85, 0.98))
+    veins = 1.0 - 0.10 * np.clip(r - 1.2, 0.0, 1.0)[:, None] * np.array([0.2, 1.0, 1.0])
+    shade = 1.0 - 0.25 * _smoothstep(dy / paint.iris_radius_mm, 0.2, 1.2)  # the upper lid's shadow
+    white = look.sclera * veins * shade[:, None]
+    return _over(white, iris * shade[:, None], _smoothstep(1.0 - r, -0.04, 0.04) * facing)
+
+
+def _background(rng: np.random.Generator) -> tuple[int, int, int]:
+    red, green, blue = np.clip(rng.uniform(50, 235) + rng.normal(0, 18, 3), 0, 255)
+    return int(red), int(green), int(blue)
+
+
+def _over(base: NDArray, colour: NDArray, alpha: NDArray) -> NDArray[np.float64]:
+    return base + (np.asarray(colour) - base) * np.asarray(alpha)[:, None]
+
+
+def _smoothstep(value: NDArray, low: float, high: float) -> NDArray[np.float64]:
+    t = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+def _between(tones: NDArray[np.float64], position: float) -> NDArray[np.float64]:
+    """Return the colour at a fractional row of `tones`."""
+    return np.array([np.interp(position, np.arange(len(tones)), tones[:, c]) for c in range(3)])
+
+
+def _triple(values: NDArray[np.floating]) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
