@@ -1,0 +1,140 @@
+"""Export a person chosen by the user: generic, simulated, from a model, or from a fitted photo."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.apps.export import ExportRequest, ExportResult, demo_clip, export_rig
+from facewright.errors import FileFormatError, ValueRangeError
+
+if TYPE_CHECKING:
+    from facewright.mesh.topology import Topology
+    from facewright.models.bilinear import BilinearModel
+    from facewright.models.blendshapes import BlendshapeRig
+
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class ExportPersonRequest:
+    """Whom to export and how.
+
+    Parameters
+    ----------
+    out : Path
+        ``.glb``, ``.gltf``, or a folder.
+    model : Path, optional
+        Model file; with `person` (training person) or `fit` (JSON of a fitted photo), else its mean person.
+    face : str
+        Face to export where no model is given; its generic rig, or the simulated person of `seed`.
+    names : str
+        Naming scheme, see `ExportRequest`.
+    texture : Path, optional
+        Picture of the skin.
+    animate : bool
+        Add the demo clip.
+    """
+
+    out: Path
+    model: Path | None = None
+    person: int | None = None
+    fit: Path | None = None
+    face: str = "builtin"
+    seed: int | None = None
+    names: str = "facewright"
+    texture: Path | None = None
+    animate: bool = False
+
+    def __post_init__(self) -> None:
+        if self.model is None and (self.person is not None or self.fit is not None):
+            raise ValueRangeError("model must be given with person or fit, got none.")
+        if self.person is not None and self.fit is not None:
+            raise ValueRangeError("person must be left out where fit is given, got both.")
+        if self.model is not None and self.seed is not None:
+            raise ValueRangeError("seed must be left out where a model is given, got both.")
+
+
+def export_person(request: ExportPersonRequest, progress: Progress | None = None) -> ExportResult:
+    """Export the person that `request` names; see `export_rig` for files and errors.
+
+    Raises
+    ------
+    ValueRangeError
+        If the model has no such training person.
+    FileFormatError
+        If the fit's JSON is not one, or was made with another model.
+    """
+    rig, topology, licence = _from_face(request) if request.model is None else _from_model(request)
+    texture = None
+    if request.texture is not None:
+        from facewright.io.image import read_image
+
+        texture = read_image(request.texture)
+    return export_rig(
+        ExportRequest(
+            rig=rig,
+            topology=topology,
+            out=request.out,
+            names=request.names,
+            texture=texture,
+            clip=demo_clip(rig.names) if request.animate else None,
+            copyright=licence,
+        ),
+        progress,
+    )
+
+
+def _from_face(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, str]:
+    from facewright.faces import load_face
+    from facewright.faces.simulate import simulate_person
+    from facewright.models.blendshapes import BlendshapeRig
+
+    face = load_face(request.face)
+    if request.seed is None:
+        rig = BlendshapeRig(face.mean_shape, face.blendshape_names, face.blendshape_deltas)
+    else:
+        person = simulate_person(face, np.random.default_rng(request.seed))
+        rig = BlendshapeRig(person.neutral, face.blendshape_names, person.deltas)
+    return rig, face.topology, face.licence
+
+
+def _from_model(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, str]:
+    from facewright.models.bilinear_store import load_bilinear
+
+    assert request.model is not None
+    model = load_bilinear(request.model)
+    if request.fit is not None:
+        w_id = _fitted_identity(request.fit, model)
+    elif request.person is not None:
+        if request.person >= len(model.identity_weights):
+            raise ValueRangeError(
+                f"person must be below the {len(model.identity_weights)} training people of {request.model}, "
+                f"got {request.person}."
+            )
+        w_id = model.identity_weights[request.person]
+    else:
+        w_id = model.identity_mean
+    return model.blendshapes(w_id), model.topology, str(model.provenance.get("licence", ""))
+
+
+def _fitted_identity(path: Path, model: BilinearModel) -> NDArray[np.float64]:
+    from facewright.faces.blendshape_names import read_json
+
+    content = read_json(path)
+    weights = content.get("identity_weights") if isinstance(content, dict) else None
+    try:
+        w_id = np.array(weights, dtype=np.float64)
+    except (TypeError, ValueError):
+        w_id = np.empty(0)
+    if w_id.shape != (model.n_identity,) or not np.isfinite(w_id).all():
+        raise FileFormatError(
+            f"{path} must hold 'identity_weights' of {model.n_identity} numbers, as `facewright fit` writes them "
+            f"with this model, got {w_id.size}."
+        )
+    return w_id

@@ -1,0 +1,50 @@
+"""The command ``facewright``: the verbs, and the entry that turns errors into exit codes."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from facewright import __version__
+from facewright.cli import demo, evaluate, export, faces, fit, info, model
+from facewright.cli.console import FacewrightGroup
+
+app = typer.Typer(
+    name="facewright",
+    cls=FacewrightGroup,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="3D faces that move: fit photos, build models, export rigs. Start with: facewright demo",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"facewright {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """3D faces that move: fit photos, build models, export rigs. Start with: facewright demo."""
+
+
+app.command("demo")(demo.demo)
+app.add_typer(faces.app, name="faces")
+app.add_typer(model.app, name="model")
+app.command("fit")(fit.fit)
+app.command("export")(export.export)
+app.command("evaluate")(evaluate.evaluate)
+app.command("info")(info.info)
+
+
+def run() -> None:
+    """Run the command line; the entry point of the installed script."""
+    app()

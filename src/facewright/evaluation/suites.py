@@ -1,0 +1,79 @@
+"""Which suites there are, running one by name, and the targets their metrics are held against."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from importlib import import_module
+
+from facewright.errors import ValueRangeError
+from facewright.numeric.check import check_choice
+
+Progress = Callable[[str, int, int], None]
+
+SUITES = ("transfer", "rigging", "bilinear", "photo")
+
+# Of the foundation issue, for the ICT face on two cores: metric -> ("<=" or ">=" or "<", number or another metric).
+TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
+    "transfer": {"per_expression_ms": ("<=", 15.0)},
+    "rigging": {"seconds": ("<=", 6.0), "improvement": (">=", 0.30), "left_right_swaps": ("<=", 0.0)},
+    "bilinear": {"ratio_to_limit": ("<=", 1.5), "extra_peak_mb": ("<=", 700.0), "fit_rms_mm": ("<=", 1.0)},
+    "photo": {"surface_mm": ("<", "mean_face_mm"), "fit_ms": ("<=", 20.0), "astronaut_iod": ("<=", 0.03)},
+}
+
+
+def run_suite(
+    suite: str, face_name: str, seed: int, *, subjects: int | None = None, progress: Progress | None = None
+) -> dict[str, float]:
+    """Run a suite by name.
+
+    Parameters
+    ----------
+    suite : str
+        One of `SUITES`.
+    face_name : str
+        See `facewright.faces.load_face`.
+    seed : int
+        Seed of everything random in it.
+    subjects : int, optional
+        People to measure on.
+    progress : callable, optional
+        Called with stage, done, total.
+
+    Returns
+    -------
+    dict of str to float
+        The suite's metrics.
+
+    Raises
+    ------
+    ValueRangeError
+        If the suite is unknown or takes no `subjects`.
+    MissingFaceError
+        If the face is not installed.
+    """
+    from facewright.faces import load_face
+
+    check_choice("suite", suite, SUITES)
+    run = import_module(f"facewright.evaluation.{suite}").run
+    options = {}
+    if subjects is not None:
+        if "subjects" not in inspect.signature(run).parameters:
+            raise ValueRangeError(f"subjects must be left out for the suite {suite}, got {subjects}.")
+        options["subjects"] = subjects
+    metrics = run(load_face(face_name), seed, progress=progress, **options)
+    return {name: float(value) for name, value in metrics.items()}
+
+
+def compare(suite: str, metrics: Mapping[str, float]) -> list[tuple[str, float, str, str]]:
+    """List metric, value, target and whether it is met ("yes", "no" or "") in the order of `metrics`."""
+    rows = []
+    for name, value in metrics.items():
+        sign, limit = TARGETS.get(suite, {}).get(name, ("", 0.0))
+        bound = metrics.get(limit) if isinstance(limit, str) else limit
+        if not sign or bound is None:
+            rows.append((name, value, "", ""))
+            continue
+        met = {"<=": value <= bound, "<": value < bound, ">=": value >= bound}[sign]
+        rows.append((name, value, f"{sign} {limit}", "yes" if met else "no"))
+    return rows
