@@ -54,7 +54,7 @@ def test_only_chosen_parts_are_textured():
     photo = np.full((64, 64, 3), (200, 10, 10), np.uint8)
     texture = bake_texture(photo, pixels, camera, topology, size=64, textured=upper, perspective=True)
     blue = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
-    albedo = texture_albedo(texture, topology, textured=upper, vertex_colours=blue)
+    albedo = texture_albedo(texture, topology, textured=upper, rest=blue)
     seen = albedo(rasterise(pixels, camera[:, 2], topology.faces, (64, 64)))
     np.testing.assert_allclose(seen[20, 32], [200 / 255, 10 / 255, 10 / 255], atol=0.02)
     np.testing.assert_allclose(seen[44, 32], [0, 0, 1], atol=1e-6)

@@ -11,6 +11,7 @@ from scipy.sparse.linalg import splu
 
 from facewright.errors import TopologyError
 from facewright.imaging.rasterise import Fragments, rasterise
+from facewright.imaging.render import Albedo
 from facewright.mesh.normals import vertex_normals
 from facewright.mesh.topology import Topology
 from facewright.numeric.check import check_shape
@@ -35,7 +36,7 @@ def texture_albedo(
     topology: Topology,
     *,
     textured: NDArray[np.bool_] | None = None,
-    vertex_colours: NDArray[np.floating] | None = None,
+    rest: Albedo | None = None,
 ) -> Callable[[Fragments], NDArray[np.float32]]:
     """Make the albedo function of a textured mesh for `render_mesh`.
 
@@ -47,25 +48,27 @@ def texture_albedo(
         With `uv` and `uv_faces`; the rendered triangles must be its `faces`.
     textured : ndarray of shape (V,), bool, optional
         Vertices that the texture covers; all where absent.
-    vertex_colours : ndarray of shape (V, 3), optional
-        sRGB colours in [0, 1] of the rest.
+    rest : ndarray of shape (V, 3), or a function of Fragments to (H, W, 3), optional
+        sRGB colours in [0, 1] of the rest; grey where absent.
 
     Raises
     ------
     TopologyError
         If the topology has no texture coordinates.
     ShapeError
-        If `textured` or `vertex_colours` has another number of vertices.
+        If `textured` or `rest` has another number of vertices.
     """
     uv, uv_faces = _require_uv(topology)
     positions = texels_from_uv(uv, (texture.shape[0], texture.shape[1]))
     scaled = texture.astype(np.float32) / 255.0
     chosen = _chosen_faces(topology, textured)
-    plain = np.full((topology.n_vertices, 3), 0.7) if vertex_colours is None else vertex_colours
-    check_shape("vertex_colours", plain, topology.n_vertices, 3)
+    plain = np.full((topology.n_vertices, 3), 0.7) if rest is None else rest
+    if not callable(plain):
+        check_shape("rest", plain, topology.n_vertices, 3)
 
     def albedo(fragments: Fragments) -> NDArray[np.float32]:
-        out = fragments.interpolate(topology.faces, plain)
+        out = plain(fragments) if callable(plain) else fragments.interpolate(topology.faces, plain)
+        out = np.array(out, dtype=np.float32)
         on_texture = fragments.covered & chosen[fragments.face_index]
         out[on_texture] = sample_bilinear(scaled, fragments.interpolate(uv_faces, positions)[on_texture])
         return out

@@ -1,0 +1,45 @@
+import numpy as np
+import pytest
+
+from facewright.errors import ShapeError
+from facewright.imaging.overlay import crop_around, draw_mesh_lines, draw_points
+
+
+def test_crop_maps_points_where_it_says():
+    image = np.zeros((60, 80, 3), np.uint8)
+    image[30, 50] = 255
+    crop, origin, zoom = crop_around(image, np.array([[40.0, 20], [60, 40], [np.nan, 1]]), margin=0.25, height=120)
+    assert crop.shape == (120, 120, 3)
+    expected = (np.array([50.0, 30]) + 0.5 - origin) * zoom - 0.5
+    yy, xx = np.mgrid[:120, :120]
+    bright = crop[..., 0].astype(float)
+    centroid = [(bright * xx).sum() / bright.sum(), (bright * yy).sum() / bright.sum()]
+    np.testing.assert_allclose(centroid, expected, atol=0.1)
+
+
+def test_crop_beyond_the_edge_repeats_it():
+    image = np.full((20, 20, 3), 90, np.uint8)
+    crop, _, _ = crop_around(image, np.array([[-5.0, -5], [25, 25]]), height=64)
+    assert (crop == 90).all()
+
+
+def test_points_are_centred_and_nan_is_left_out():
+    drawn = draw_points(np.zeros((40, 40, 3), np.uint8), np.array([[12.0, 25.0], [np.nan, 3]]), (200, 0, 0), 3)
+    yy, xx = np.mgrid[:40, :40]
+    weight = drawn[..., 0] / 200
+    assert weight.sum() == pytest.approx(np.pi * 9, rel=0.15)
+    np.testing.assert_allclose(
+        [(weight * xx).sum() / weight.sum(), (weight * yy).sum() / weight.sum()], [12, 25], atol=0.2
+    )
+    with pytest.raises(ShapeError):
+        draw_points(np.zeros((4, 4, 3), np.uint8), np.zeros(2))
+
+
+def test_lines_of_hidden_triangles_are_not_drawn():
+    near, far = np.array([[5.0, 5], [5, 35], [35, 5]]), np.array([[8.0, 8], [8, 20], [20, 8]])
+    pixels, depth = np.concatenate([near, far]), np.array([10.0] * 3 + [50.0] * 3)
+    faces = np.array([[0, 1, 2], [3, 4, 5]])
+    drawn = draw_mesh_lines(np.zeros((40, 40, 3), np.uint8), pixels, depth, faces, perspective=False)
+    assert drawn[5, 15].any() and not drawn[8, 14].any()
+    alone = draw_mesh_lines(np.zeros((40, 40, 3), np.uint8), far, depth[3:], faces[:1], perspective=False)
+    assert alone[8, 14].any()
