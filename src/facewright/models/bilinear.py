@@ -169,6 +169,20 @@ class BilinearModel:
 
     # --- priors --------------------------------------------------------------------------------------------------
 
+    @cached_property
+    def identity_precision(self) -> NDArray[np.float64]:
+        """Inverse covariance (I, I) of identity weights: (w - mean)^T P (w - mean) is a prior's energy.
+
+        Training weights hardly vary along their mean, since everybody shares the mean face; a standard deviation of
+        at least 1 % is allowed there, so that an unseen person's overall size is not fixed by it.
+        """
+        return _inverse(self.identity_covariance)
+
+    @cached_property
+    def expression_precision(self) -> NDArray[np.float64]:
+        """Inverse covariance (E, E) of expression weights; stiff along their mean, which softly keeps the gauge."""
+        return _inverse(self.expression_covariance)
+
     def sample_identity(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Draw identity weights (I,) from the prior N(identity_mean, identity_covariance)."""
         return rng.multivariate_normal(
@@ -246,6 +260,13 @@ class BilinearModel:
         check_finite("w_id", w_id)
         check_finite("w_exp", w_exp)
         return np.asarray(w_id, dtype=np.float64), np.asarray(w_exp, dtype=np.float64)
+
+
+def _inverse(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert a covariance (of weights near 1 in size) after raising its variances to at least 1e-4."""
+    values, vectors = np.linalg.eigh(covariance)
+    values = np.maximum(values, 1e-4)
+    return (vectors / values) @ vectors.T
 
 
 def fit_bilinear(

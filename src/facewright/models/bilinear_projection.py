@@ -87,8 +87,8 @@ class BilinearProjector:
 
         m = model.expression_mean
         self._tangent = np.linalg.qr(m[:, None], mode="complete")[0][:, 1:]  # w_exp = m + tangent @ y stays in gauge
-        self._identity_precision = _precision(model.identity_covariance)
-        self._tangent_precision = _precision(self._tangent.T @ model.expression_covariance @ self._tangent)
+        self._identity_precision = model.identity_precision
+        self._tangent_precision = self._tangent.T @ model.expression_precision @ self._tangent
 
     def fit(
         self,
@@ -255,15 +255,6 @@ def gram_of_rows(rows: NDArray[np.float32]) -> NDArray[np.float64]:
         block: NDArray[Any] = rows[:, start : start + _COLUMNS].astype(dtype, copy=False)
         gram += block @ block.T
     return gram
-
-
-def _precision(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert a covariance; where the training weights never vary, the prior is very stiff, not infinite."""
-    if not covariance.size:
-        return covariance
-    values, vectors = np.linalg.eigh(covariance)
-    values = np.maximum(values, 1e-6 * max(values[-1], 1e-300))
-    return (vectors / values) @ vectors.T
 
 
 def _solve(matrix: NDArray[np.float64], rhs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,8 +17,8 @@ Progress = Callable[[str, int, int], None]
 
 IN_MEMORY_COLUMNS = 8448  # columns of a product whose factors are views of a resident tensor: no copy, so wide
 # Share of the largest eigenvalue that is rounding noise in a Gram matrix of float32 products with double sums over
-# blocks (measured: 3e-9 to 4e-9 at 150 x 47 x 33,744). Kept eigenvalues below ten times this are redone in double.
-SINGLE_NOISE_FLOOR = 4e-9
+# blocks (measured: 3e-9 at 33,744 columns, 1e-8 at 540). Kept eigenvalues below ten times this are redone in double.
+SINGLE_NOISE_FLOOR = 1e-8
 
 
 class NModeSVD(NamedTuple):
