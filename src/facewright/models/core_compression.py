@@ -112,7 +112,7 @@ def _quantise(row: NDArray[np.float32], step: NDArray[np.float32]) -> NDArray[np
 def _error_bound(core_rows: NDArray[np.float32], steps: NDArray[np.float32], weights: NDArray[np.float64]) -> float:
     total = np.zeros(core_rows.shape[2:])
     for row, step, weight in zip(core_rows, steps, weights):
-        if np.abs(row / step[:, None, None]).max() >= 2.0**30:
+        if not np.abs(row / step[:, None, None]).max() < 2.0**30:  # also if NaN
             raise ValueRangeError("max_error_mm is too small for float32, or the core is not finite.")
         decoded = _quantise(row, step).astype(np.float32) * step[:, None, None]
         total += np.tensordot(weight, np.abs(row - decoded), 1)
