@@ -40,6 +40,7 @@ PART_STARTS: dict[str, int] = {
     "eyelashes_left": 25351,
     "eyelashes_right": 26035,
 }
+GAZE_DOWN_RADIANS = np.deg2rad(26.0)  # as far as the lids of eyeLookDown go
 N_SKIN = PART_STARTS["mouth_socket"]
 
 COMPACT_KEYS = {
@@ -108,6 +109,7 @@ def ict_face(arrays: Mapping[str, NDArray]) -> Face:
     diagonal = shorter_diagonals(0.5 * (mean + mean[mirror] * np.array([-1, 1, 1], np.float32)), quads)
     faces, parts = triangulate(quads, diagonal), part_ranges()
     deltas = blendshape_deltas(arrays["expression_names"], arrays["expression_deltas"])
+    _turn_eyeballs_down(mean, deltas[-1], parts)
     landmarks = ict_landmarks(arrays["landmarks_68"])
     masks = IctAnnotator(mean, deltas, faces, quads, parts, landmarks, mirror).masks()
     topology = Topology(
@@ -148,6 +150,17 @@ def blendshape_deltas(names: NDArray, deltas: NDArray) -> NDArray[np.float32]:
     picked = [deltas[where[name]] for name in BLENDSHAPE_NAMES[:-1]]
     picked.append(deltas[where["eyeLookDown_L"]] + deltas[where["eyeLookDown_R"]])
     return np.stack(picked).astype(np.float32)
+
+
+def _turn_eyeballs_down(mean: NDArray, delta: NDArray, parts: Mapping[str, tuple[int, int]]) -> None:
+    """Turn the eyeballs with ``eyesLookDown``, in place: ICT-FaceKit's gaze shapes move the lids only."""
+    c, s = np.cos(GAZE_DOWN_RADIANS), np.sin(GAZE_DOWN_RADIANS)
+    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])  # about x: forward (z) goes down (-y)
+    for name in ("eyeball_left", "eyeball_right"):
+        ball = slice(*parts[name])
+        arms = mean[ball].astype(np.float64)
+        arms = arms - 0.5 * (arms.min(axis=0) + arms.max(axis=0))
+        delta[ball] = arms @ turn.T - arms
 
 
 def shorter_diagonals(vertices: NDArray, quads: NDArray[np.int32]) -> NDArray[np.bool_]:

@@ -13,8 +13,9 @@ from facewright.deform.deformation_transfer import DeformationTransfer
 from facewright.errors import ValueRangeError
 from facewright.faces.blendshape_names import mirrored_name
 from facewright.faces.contact import Contact, face_contacts
+from facewright.faces.eyeball import push_outside
 from facewright.faces.face import Face
-from facewright.faces.rigid_motion import RigidMotion, rigid_motions
+from facewright.faces.rigid_motion import RigidMotion, rigid_motions, rigid_vertices
 from facewright.mesh.connectivity import vertex_components
 from facewright.mesh.random_field import smooth_random_field
 from facewright.numeric.check import check_shape
@@ -29,6 +30,7 @@ PERTURBATION = 0.15
 
 _FOLLOW_MM = 4.0  # loose geometry (lashes, lacrimal fluid) follows the skin within about this distance
 _SEALED_MM = 2.0  # lips whose offset a shape changes by less than about this stay as they are
+_LID_GAP = 0.2  # what is left of the gap of the generic closed lids (1 mm on ICT-FaceKit)
 _FIELD_BATCH = 8  # neutrals whose random fields share their waves
 
 
@@ -100,7 +102,7 @@ def simulate_person(face: Face, rng: np.random.Generator) -> SimulatedPerson:
 
     Personal blendshapes are the generic ones carried over by deformation transfer, times an amplitude of U(0.7, 1.2)
     each with left and right up to 15 % apart, plus a smooth perturbation of 15 % of the shape's own RMS size that lives
-    where the shape moves. Closed lids and sealed lips meet as they do in the generic face, mouthClose goes as far as
+    where the shape moves. Lids close, lips that the generic shape keeps sealed stay sealed, mouthClose goes as far as
     jawOpen, teeth and eyeballs move rigidly.
     """
     simulator = _simulator(face)
@@ -241,6 +243,7 @@ class _Simulator:
             deltas[:, self.loose] += self.follow_weights[:, k, None] * difference[:, self.follow_ids[:, k]]
         for motion in self.rigid:
             deltas[:, motion.vertices] = motion.deltas(rest[motion.vertices], amplitudes)
+        self._clear_eyeballs(rest, deltas)
         return SimulatedPerson(neutral, deltas.astype(np.float32), amplitudes)
 
     def _amplitudes(self, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -259,7 +262,7 @@ class _Simulator:
     def _keep_contacts(
         self, rest: NDArray[np.float64], deltas: NDArray[np.float64], before: dict[str, NDArray[np.float64]]
     ) -> None:
-        """Undo what the perturbation did to sealed lips, and close the lids as the generic face does."""
+        """Undo what the perturbation did to sealed lips, and close the lids."""
         names = self.face.blendshape_names
         if "lips" in self.contacts:
             lips = self.contacts["lips"]
@@ -270,8 +273,23 @@ class _Simulator:
             shape = f"eyeBlink_{side[0].upper()}"
             if f"lid_{side}" in self.contacts and shape in names:
                 i, lid = names.index(shape), self.contacts[f"lid_{side}"]
-                wanted = lid.offsets(self.mean + self.generic[i])
+                wanted = _LID_GAP * lid.offsets(self.mean + self.generic[i])
                 lid.change(deltas[i], wanted - lid.offsets(rest + deltas[i]))
+
+    def _clear_eyeballs(self, rest: NDArray[np.float64], deltas: NDArray[np.float64]) -> None:
+        """Let closing lids slide over the eyeballs, where the face has eyeballs."""
+        names, masks = self.face.blendshape_names, self.face.topology.masks
+        for part, kind in self.face.rigid_parts.items():
+            side = part.rpartition("_")[2]
+            lid = masks.get(f"eyelid_upper_{side}", np.empty(0, dtype=np.int32))
+            if kind != "eye" or not len(lid):
+                continue
+            ball = rigid_vertices(self.face, part)
+            for shape in (f"eyeBlink_{side[0].upper()}", "eyesLookDown"):
+                if shape in names:
+                    i = names.index(shape)
+                    closed = push_outside(rest[lid] + deltas[i, lid], rest[ball] + deltas[i, ball])
+                    deltas[i, lid] = closed - rest[lid]
 
 
 def _rms(fields: NDArray[np.floating]) -> NDArray[np.float64]:
