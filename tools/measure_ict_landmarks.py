@@ -1,4 +1,4 @@
-"""Measure which ICT-FaceKit vertices are FaceWarehouse's 74 points; writes faces/data/ict_fw74.json.
+"""Measure which ICT-FaceKit vertices are FaceWarehouse's 74 points; writes them into faces/data/ict_landmarks.json.
 
 The real detector looks at a rendered mean face; its points are made symmetric and snapped to the vertices of the
 right kind: the middle line, the jaw line, the lash lines, the lip border, the line where the lips touch.
@@ -7,7 +7,6 @@ Needs the landmarks extra and an installed ICT-FaceKit: ``python tools/measure_i
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from facewright.imaging.portrait import portrait_view, render_portrait
 from facewright.landmarks.mediapipe_detector import MediaPipeDetector
 from facewright.landmarks.scheme import load_scheme
 
-OUT = Path(__file__).parents[1] / "src/facewright/faces/data/ict_fw74.json"
+OUT = Path(__file__).parents[1] / "src/facewright/faces/data/ict_landmarks.json"
 SIZE = (1200, 1200)
 VIEW = {"height_mm": 300.0, "centre_mm": (0.0, -10.0, 60.0), "distance_mm": 1500.0}
 
@@ -36,18 +35,9 @@ def main() -> None:
     found[:, 0] -= centre
     found = 0.5 * (found + found[swap] * [-1, 1]) + [centre, 0.0]
     vertices = snap(found, pixels, face)
-    OUT.write_text(
-        json.dumps(
-            {
-                "about": "ICT-FaceKit vertex of each of FaceWarehouse's 74 points, by tools/measure_ict_landmarks.py; "
-                "the contour (0-14) is the frontal outline.",
-                "vertices": [int(v) for v in vertices],
-            },
-            indent=1,
-        )
-        + "\n",
-        encoding="utf-8",
-    )
+    text = OUT.read_text(encoding="utf-8")
+    start = text.index('"fw74": [') + len('"fw74": [')
+    OUT.write_text(text[:start] + ", ".join(map(str, vertices)) + text[text.index("]", start) :], encoding="utf-8")
 
 
 def plain_colours(face):

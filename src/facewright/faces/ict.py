@@ -51,7 +51,6 @@ COMPACT_KEYS = {
     "identity_modes": (N_IDENTITIES, N_VERTICES, 3),
     "expression_deltas": (None, N_VERTICES, 3),
     "expression_names": (None,),
-    "landmarks_68": (68,),
 }
 
 
@@ -110,7 +109,7 @@ def ict_face(arrays: Mapping[str, NDArray]) -> Face:
     faces, parts = triangulate(quads, diagonal), part_ranges()
     deltas = blendshape_deltas(arrays["expression_names"], arrays["expression_deltas"])
     _turn_eyeballs_down(mean, deltas[-1], parts)
-    landmarks = ict_landmarks(arrays["landmarks_68"])
+    landmarks = ict_landmarks()
     masks = IctAnnotator(mean, deltas, faces, quads, parts, landmarks, mirror).masks()
     topology = Topology(
         name="ict",

@@ -34,18 +34,15 @@ _BROW_MARGIN_MM = 2.0
 _IRIS_MM, _PUPIL_MM = 6.0, 2.2
 
 
-def ict_landmarks(ibug68: NDArray) -> dict[str, NDArray[np.int32]]:
-    """Return the vertices of both landmark schemes; contour points are those of the frontal outline.
+def ict_landmarks() -> dict[str, NDArray[np.int32]]:
+    """Return the vertices of the ``"ibug68"`` and ``"fw74"`` points; contour points are those of the frontal outline.
 
-    The 74 points were measured once by ``tools/measure_ict_landmarks.py``.
+    The first are ICT-FaceKit's own; the second were measured once by ``tools/measure_ict_landmarks.py``.
     """
-    content = read_package_json("ict_fw74.json")
-    if not isinstance(content, dict) or len(content.get("vertices", [])) != 74:
-        raise FileFormatError("ict_fw74.json must hold 74 vertices.")
-    return {
-        "ibug68": np.asarray(ibug68, dtype=np.int32),
-        "fw74": np.asarray(content["vertices"], dtype=np.int32),
-    }
+    content = read_package_json("ict_landmarks.json")
+    if not isinstance(content, dict) or [len(content.get(k, ())) for k in ("ibug68", "fw74")] != [68, 74]:
+        raise FileFormatError("ict_landmarks.json must hold 68 and 74 vertices.")
+    return {key: np.asarray(content[key], dtype=np.int32) for key in ("ibug68", "fw74")}
 
 
 class IctAnnotator:
