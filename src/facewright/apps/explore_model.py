@@ -14,7 +14,6 @@ from facewright.errors import ValueRangeError
 from facewright.numeric.check import check_choice
 
 if TYPE_CHECKING:
-    from facewright.mesh.topology import Topology
     from facewright.models.bilinear import BilinearModel
 
 Progress = Callable[[str, int, int], None]
@@ -35,7 +34,8 @@ class ExploreRequest:
     n_modes : int
         Leading modes drawn, one row each.
     sigmas : tuple of float
-        Standard deviations from the mean, one column each.
+        Standard deviations from the mean of identity, one column each; expression goes in as many steps from the least
+        to the greatest that a training shape has.
     side : {"identity", "expression", "both"}
         Which weights to vary.
     size : (height, width)
@@ -63,23 +63,25 @@ class ExploreRequest:
 def explore_model(request: ExploreRequest, progress: Progress | None = None) -> Path:
     """Draw the leading modes of a bilinear model and return the picture's path.
 
-    Modes are the principal axes of the training weights' covariance, so a column is a number of standard deviations
-    of real variation; identity rows show the mean expression's neutral, expression rows the mean person.
+    Modes are the directions of the training weights' variation that move the surface most, one deviation long; identity
+    rows show neutral faces, expression rows the mean person.
 
     Raises
     ------
     StoreError
         If the picture cannot be written.
     """
+    from facewright.apps.paint_person import face_of_model, portrait_painter
     from facewright.imaging.contact_sheet import contact_sheet
     from facewright.io.image import write_image
 
     pictures: list[NDArray[np.uint8]] = []
     captions: list[str] = []
     cells = _cells(request)
-    draw = portrait_painter(request.model.topology, request.size, request.yaw_degrees)
+    model = request.model
+    draw = portrait_painter(model.topology, face_of_model(model), request.size, yaw_degrees=request.yaw_degrees)
     for k, (caption, w_id, w_exp) in enumerate(cells):
-        pictures.append(draw(request.model.synthesise(w_id, w_exp)))
+        pictures.append(draw(model.synthesise(w_id, w_exp)))
         captions.append(caption)
         if progress is not None:
             progress("drawing faces", k + 1, len(cells))
@@ -87,35 +89,29 @@ def explore_model(request: ExploreRequest, progress: Progress | None = None) -> 
     return request.out
 
 
-def principal_axes(covariance: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return the principal axes of a covariance (n, n) as rows, longest first, each one standard deviation long.
+def principal_axes(covariance: NDArray[np.floating], directions: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the axes in weight space along which the surface varies most, one standard deviation long each.
 
-    The sign makes each axis' largest entry positive.
+    Parameters
+    ----------
+    covariance : ndarray of shape (n, n)
+        Of the weights.
+    directions : ndarray of shape (n, V, 3), millimetres
+        How the surface moves per unit of each weight.
+
+    Returns
+    -------
+    ndarray of shape (n, n), float64
+        Axes as rows, the one that moves the surface most first. With A A^T the covariance, they are the columns of A
+        turned so that their displacements of the surface are orthogonal; the sign lets the largest entry be positive.
     """
     values, vectors = np.linalg.eigh(np.asarray(covariance, dtype=np.float64))
-    axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T[::-1]
+    A = vectors * np.sqrt(np.maximum(values, 0.0))
+    D = np.asarray(directions, dtype=np.float64).reshape(len(A), -1)
+    _, turn = np.linalg.eigh(A.T @ (D @ D.T) @ A)
+    axes = (A @ turn).T[::-1]
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=1)[:, None], axis=1)
     return axes * np.where(largest < 0, -1.0, 1.0)
-
-
-def portrait_painter(
-    topology: Topology, size: tuple[int, int], yaw_degrees: float = 0.0
-) -> Callable[[NDArray[np.floating]], NDArray[np.uint8]]:
-    """Return a function that draws vertices (V, 3) of `topology`, each part in its plain colour."""
-    from facewright.apps.export import LOOKS, face_looks
-    from facewright.imaging.colour import srgb_from_linear
-    from facewright.imaging.portrait import render_portrait
-
-    looks, index = face_looks(topology)
-    faces = topology.faces[index >= 0]
-    palette = srgb_from_linear(np.array([LOOKS[look][0] for look in looks], dtype=np.float32))
-    albedo = np.full((topology.n_vertices, 3), 0.7, dtype=np.float32)
-    albedo[faces] = palette[index[index >= 0]][:, None]
-
-    def draw(vertices: NDArray[np.floating]) -> NDArray[np.uint8]:
-        return render_portrait(vertices, faces, size, albedo=albedo, yaw_degrees=yaw_degrees).image
-
-    return draw
 
 
 def _cells(request: ExploreRequest) -> list[tuple[str, NDArray[np.float64], NDArray[np.float64]]]:
@@ -124,14 +120,15 @@ def _cells(request: ExploreRequest) -> list[tuple[str, NDArray[np.float64], NDAr
     neutral = model.expression_weights[0]
     cells = []
     if request.side in ("identity", "both"):
-        axes = principal_axes(model.identity_covariance)[: request.n_modes]
+        axes = principal_axes(model.identity_covariance, model.expression(neutral))[: request.n_modes]
         for mode, axis in enumerate(axes, 1):
             cells += [(f"identity {mode}: {s:+g} sd", model.identity_mean + s * axis, neutral) for s in request.sigmas]
     if request.side in ("expression", "both"):
-        axes = principal_axes(model.expression_covariance)[: request.n_modes]
-        for mode, axis in enumerate(axes, 1):
-            cells += [
-                (f"expression {mode}: {s:+g} sd", model.identity_mean, model.expression_mean + s * axis)
-                for s in request.sigmas
-            ]
+        axes = principal_axes(model.expression_covariance, model.person(model.identity_mean))
+        # Most shapes lie near the mean and one or two far out: two deviations would show next to nothing.
+        reach = (model.expression_weights - model.expression_mean) @ np.linalg.pinv(axes)
+        for mode, (axis, found) in enumerate(zip(axes[: request.n_modes], reach.T), 1):
+            for s in np.linspace(found.min(), found.max(), len(request.sigmas)):
+                w_exp = model.expression_mean + s * axis
+                cells.append((f"expression {mode}: {s:+.1f} sd", model.identity_mean, w_exp))
     return cells

@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.apps.export import ExportRequest, ExportResult, demo_clip, export_rig
+from facewright.apps.paint_person import face_of_model, person_colors
 from facewright.errors import FileFormatError, ValueRangeError
 
 if TYPE_CHECKING:
+    from facewright.faces.face import Face
     from facewright.mesh.topology import Topology
     from facewright.models.bilinear import BilinearModel
     from facewright.models.blendshapes import BlendshapeRig
@@ -70,7 +72,7 @@ def export_person(request: ExportPersonRequest, progress: Progress | None = None
     FileFormatError
         If the fit's JSON is not one, or was made with another model.
     """
-    rig, topology, licence = _from_face(request) if request.model is None else _from_model(request)
+    rig, topology, face, licence = _from_face(request) if request.model is None else _from_model(request)
     texture = None
     if request.texture is not None:
         from facewright.io.image import read_image
@@ -83,6 +85,7 @@ def export_person(request: ExportPersonRequest, progress: Progress | None = None
             out=request.out,
             names=request.names,
             texture=texture,
+            vertex_colors=person_colors(face, request.seed),
             clip=demo_clip(rig.names) if request.animate else None,
             copyright=licence,
         ),
@@ -90,7 +93,7 @@ def export_person(request: ExportPersonRequest, progress: Progress | None = None
     )
 
 
-def _from_face(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, str]:
+def _from_face(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, Face | None, str]:
     from facewright.faces import load_face
     from facewright.faces.simulate import simulate_person
     from facewright.models.blendshapes import BlendshapeRig
@@ -101,10 +104,10 @@ def _from_face(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, s
     else:
         person = simulate_person(face, np.random.default_rng(request.seed))
         rig = BlendshapeRig(person.neutral, face.blendshape_names, person.deltas)
-    return rig, face.topology, face.licence
+    return rig, face.topology, face, face.licence
 
 
-def _from_model(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, str]:
+def _from_model(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, Face | None, str]:
     from facewright.models.bilinear_store import load_bilinear
 
     assert request.model is not None
@@ -120,7 +123,7 @@ def _from_model(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, 
         w_id = model.identity_weights[request.person]
     else:
         w_id = model.identity_mean
-    return model.blendshapes(w_id), model.topology, str(model.provenance.get("licence", ""))
+    return model.blendshapes(w_id), model.topology, face_of_model(model), str(model.provenance.get("licence", ""))
 
 
 def _fitted_identity(path: Path, model: BilinearModel) -> NDArray[np.float64]:

@@ -72,7 +72,7 @@ def show_face(request: ShowFaceRequest, progress: Progress | None = None) -> dic
 
 
 def _draw(request: ShowFaceRequest, progress: Progress | None) -> None:
-    from facewright.apps.explore_model import portrait_painter
+    from facewright.apps.paint_person import portrait_painter
     from facewright.faces import load_face
     from facewright.faces.expressions import EXPRESSION_NAMES, expression_weights
     from facewright.faces.simulate import simulate_person
@@ -86,7 +86,7 @@ def _draw(request: ShowFaceRequest, progress: Progress | None) -> None:
     else:
         person = simulate_person(face, np.random.default_rng(request.seed))
         rig = BlendshapeRig(person.neutral, face.blendshape_names, person.deltas)
-    paint = portrait_painter(face.topology, request.size, yaw_degrees=15.0)
+    paint = portrait_painter(face.topology, face, request.size, yaw_degrees=15.0, seed=request.seed)
     pictures = []
     for k, name in enumerate(EXPRESSION_NAMES):
         pictures.append(paint(rig.pose(expression_weights(name))))

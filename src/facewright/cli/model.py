@@ -103,7 +103,7 @@ def explore(
     side: Annotated[str, typer.Option(help="Which weights to vary: identity, expression or both.")] = "both",
     as_json: JsonOption = False,
 ) -> None:
-    """Draw the leading identity and expression modes, from -2 to +2 standard deviations.
+    """Draw the leading modes: identity from -2 to +2 standard deviations, expression over its whole range.
 
     \b
     Examples:

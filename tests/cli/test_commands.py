@@ -1,0 +1,219 @@
+"""The command line: every verb helps, answers in JSON, and says in one sentence what is wrong."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+from facewright import __version__
+from facewright.cli.main import app
+
+VERBS = [
+    ["demo"],
+    ["faces", "list"],
+    ["faces", "install"],
+    ["faces", "show"],
+    ["model", "build"],
+    ["model", "info"],
+    ["model", "explore"],
+    ["fit"],
+    ["export"],
+    ["evaluate"],
+    ["info"],
+]
+
+
+def _invoke(*args):
+    return CliRunner().invoke(app, [str(a) for a in args])
+
+
+def _refused(result):
+    """One sentence on stderr, nothing on stdout, exit code 2."""
+    assert result.exit_code == 2, result.output
+    assert result.stdout == ""
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1 and lines[0].startswith("facewright: ") and lines[0].endswith(".")
+    assert "Traceback" not in lines[0]
+    return lines[0]
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_every_verb_helps_with_examples(verb):
+    result = _invoke(*verb, "--help")
+    assert result.exit_code == 0
+    assert "Examples:" in result.stdout and f"facewright {' '.join(verb)}" in result.stdout
+
+
+def test_the_list_of_verbs_is_whole():
+    from typer.models import CommandInfo
+
+    found = [[c.name] for c in app.registered_commands]
+    for group in app.registered_groups:
+        found += [[group.name, c.name] for c in group.typer_instance.registered_commands]
+    assert isinstance(app.registered_commands[0], CommandInfo)
+    assert sorted(found) == sorted(VERBS)
+
+
+def test_version_and_bare_call():
+    assert _invoke("--version").stdout == f"facewright {__version__}\n"
+    assert "Commands" in _invoke().output
+
+
+def test_info_and_faces_list_as_json(monkeypatch, tmp_path):
+    monkeypatch.setenv("FACEWRIGHT_HOME", str(tmp_path))
+    info = json.loads(_invoke("info", "--json").stdout)
+    assert info["facewright"] == __version__ and info["machine"]["cores"] >= 1
+    assert info["store"] == str(tmp_path / "faces")
+    faces = {f["name"]: f for f in json.loads(_invoke("faces", "list", "--json").stdout)["faces"]}
+    assert faces["builtin"]["installed"] is True and faces["ict"]["installed"] is False
+    assert "ict" in _invoke("faces", "list").stdout and "numpy" in _invoke("info").stdout
+
+
+def test_faces_show(tmp_path):
+    result = _invoke("faces", "show", "builtin", "--json")
+    assert json.loads(result.stdout)["blendshapes"] == 46
+    assert "blendshapes" in _invoke("faces", "show").stdout
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cli") / "face.fwm"
+    result = _invoke("model", "build", path, "--people", 4, "--identities", 3, "--expressions", 6, "--json")
+    assert result.exit_code == 0, result.output
+    payload = json.loads(result.stdout)
+    assert payload["identities"] == 3 and payload["expressions"] == 6 and payload["bytes"] == path.stat().st_size
+    return path
+
+
+def test_model_info_and_explore(model, tmp_path):
+    info = json.loads(_invoke("model", "info", model, "--json").stdout)
+    assert info["training_people"] == 4 and len(info["shapes"]) == 47
+    assert "provenance" in _invoke("model", "info", model).stdout
+    result = _invoke("model", "explore", model, "--out", tmp_path / "m.png", "--modes", 1)
+    assert result.exit_code == 0 and (tmp_path / "m.png").is_file()
+
+
+@pytest.mark.parametrize("source", [[], ["--seed", "2"], ["--model"], ["--model", "--person", "1"]], ids=" ".join)
+def test_export_from_every_source(model, tmp_path, source):
+    source = [item for word in source for item in ((word, str(model)) if word == "--model" else (word,))]
+    result = _invoke("export", tmp_path / "a.glb", *source, "--animate", "--names", "arkit52", "--json")
+    assert result.exit_code == 0, result.output
+    payload = json.loads(result.stdout)
+    assert payload["paths"] == [str(tmp_path / "a.glb")] and len(payload["shapes"]) == 52
+    assert payload["bytes"] == (tmp_path / "a.glb").stat().st_size
+
+
+def test_export_of_fitted_identity(model, tmp_path):
+    fit = tmp_path / "fit.json"
+    fit.write_text(json.dumps({"identity_weights": [1.0, 0.2, -0.3]}))
+    assert _invoke("export", tmp_path / "a.gltf", "--model", model, "--fit", fit).exit_code == 0
+    fit.write_text(json.dumps({"identity_weights": [1.0, 0.2]}))
+    assert "of 3 numbers" in _refused(_invoke("export", tmp_path / "b.glb", "--model", model, "--fit", fit))
+    fit.write_text("[]")
+    assert "identity_weights" in _refused(_invoke("export", tmp_path / "b.glb", "--model", model, "--fit", fit))
+    assert not (tmp_path / "b.glb").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["nonsense"], "No such command"),
+        (["fit", "--nonsense"], "No such option"),
+        (["model", "build"], "OUT"),
+        (["model", "build", "m.fwm", "--people", "one"], "people"),
+        (["model", "build", "m.fwm", "--people", "1"], "people"),
+        (["model", "build", "m.fwm", "--expressions", "48"], "n_expression must be in [1, 47], got 48"),
+        (["model", "build", "none/m.fwm"], "none does not exist"),
+        (["model", "info", "none.fwm"], "none.fwm"),
+        (["model", "explore", "none.fwm"], "none.fwm"),
+        (["faces", "show", "nobody"], "got 'nobody'"),
+        (["faces", "show", "none.npz"], "none.npz"),
+        (["export", "a.fbx"], "a.fbx"),
+        (["export", "a.glb", "--names", "maya"], "maya"),
+        (["export", "a.glb", "--person", "1"], "model must be given"),
+        (["export", "a.glb", "--model", "m", "--seed", "1"], "seed must be left out"),
+        (["export", "a.glb", "--texture", "none.png"], "none.png"),
+        (["evaluate", "nonsense"], "suite must be one of"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_mistakes_take_one_sentence(args, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert words.lower() in _refused(_invoke(*args)).lower()
+    assert not list(tmp_path.iterdir())
+
+
+def test_mistakes_as_json():
+    result = _invoke("faces", "show", "nobody", "--json")
+    assert result.exit_code == 2
+    error = json.loads(result.stdout)
+    assert error["error"]["type"] == "MissingFaceError" and error["exit_code"] == 2
+    assert error["error"]["message"] in result.stderr
+    assert json.loads(_invoke("model", "info", "--json").stdout)["error"]["type"] == "UsageError"
+
+
+def test_evaluate_writes_its_file(tmp_path, monkeypatch):
+    from facewright.evaluation import suites
+
+    calls = []
+
+    def run_suite(suite, faces, seed, subjects=None, progress=None):
+        calls.append((suite, faces, seed, subjects))
+        return {"per_expression_ms": 9.5, "rms_mm": 0.25}
+
+    monkeypatch.setattr(suites, "run_suite", run_suite)
+    file = tmp_path / "transfer.json"
+    result = _invoke("evaluate", "transfer", "--seed", 4, "--subjects", 2, "--json", file)
+    assert result.exit_code == 0 and "<= 15" in result.stdout and "yes" in result.stdout
+    payload = json.loads(file.read_text())
+    assert payload["suite"] == "transfer" and payload["metrics"]["rms_mm"] == 0.25 and payload["machine"]["numpy"]
+    assert calls == [("transfer", "builtin", 4, 2)]
+    assert json.loads(_invoke("evaluate", "transfer", "--json", "-").stdout)["metrics"]["per_expression_ms"] == 9.5
+    assert "does not exist" in _invoke("evaluate", "transfer", "--json", tmp_path / "none" / "a.json").stderr
+
+
+def test_a_mistake_of_our_own_is_owned_up(monkeypatch):
+    from facewright.apps import describe
+
+    def broken():
+        raise RuntimeError("first\nsecond")
+
+    monkeypatch.setattr(describe, "describe_installation", broken)
+    result = _invoke("info")
+    assert result.exit_code == 1 and "RuntimeError: first second" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+    monkeypatch.setenv("FACEWRIGHT_DEBUG", "1")
+    assert isinstance(_invoke("info").exception, RuntimeError)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (KeyboardInterrupt(), 130, "Interrupted"),
+        (MemoryError(), 2, "memory"),
+        (PermissionError(13, "no", "f"), 2, "f: no"),
+    ],
+)
+def test_interruption_memory_and_system_errors(monkeypatch, error, code, words):
+    from facewright.apps import describe
+
+    def broken():
+        raise error
+
+    monkeypatch.setattr(describe, "describe_installation", broken)
+    result = _invoke("info")
+    assert result.exit_code == code and words in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_a_reader_that_goes_away_is_no_error():
+    command = f"{sys.executable} -c 'from facewright.cli.main import run; run()' info --json | head -c 1"
+    result = subprocess.run(command, shell=True, capture_output=True, text=True, timeout=60)
+    assert result.stdout == "{" and result.stderr == ""
+
+
+def test_no_progress_where_nobody_watches():
+    result = _invoke("faces", "list")
+    assert result.stderr == ""
