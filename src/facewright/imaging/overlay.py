@@ -100,8 +100,9 @@ def draw_mesh_lines(
     fine = (np.asarray(pixels, dtype=np.float64) + 0.5) * zoom - 0.5
     nearest = rasterise(fine, depth, faces, (height * zoom, width * zoom), perspective=perspective).depth
     shown = faces if polygons is None else polygons
-    loops = [row[row >= 0] for row in shown]
-    a, b = np.concatenate(loops), np.concatenate([np.roll(loop, -1) for loop in loops])
+    following = np.roll(shown, -1, axis=1)
+    following = np.where(following >= 0, following, shown[:, :1])  # after the last corner comes the first
+    a, b = shown[shown >= 0], following[shown >= 0]
     edges = np.unique(np.sort(np.stack([a, b], axis=1), axis=1), axis=0)
     flat = np.concatenate([pixels, np.zeros((len(pixels), 1))], axis=1)
     towards = np.zeros(len(pixels), bool)

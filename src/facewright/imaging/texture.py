@@ -128,7 +128,10 @@ def bake_texture(
     skin = np.zeros(V, bool)
     skin[topology.faces[chosen]] = True
     weight = weight * skin
-    colours = _continue_colours(sample_bilinear(image, pixels), weight, topology.faces[chosen])
+    cheeks = np.zeros(V, bool)
+    for name in ("cheeks_left", "cheeks_right"):
+        cheeks[topology.masks.get(name, [])] = True
+    colours = _continue_colours(sample_bilinear(image, pixels), weight, topology.faces[chosen], cheeks)
 
     texels = texels_from_uv(uv, (size, size))
     atlas = rasterise(texels, np.zeros(len(uv)), uv_faces[chosen], (size, size), perspective=False)
@@ -186,11 +189,15 @@ def _visibility(
     ahead[in_frame] = depth[in_frame] <= buffer[y[in_frame], x[in_frame]] + tolerance_mm
     normals = vertex_normals(np.asarray(camera_vertices, np.float64), faces)
     facing = -normals[:, 2]
-    return np.clip((facing - 0.2) / 0.35, 0, 1) * ahead
+    # grazing skin is left out: a pixel's error in the fit would paint background or hair on it
+    return np.clip((facing - 0.35) / 0.35, 0, 1) * ahead
 
 
 def _continue_colours(
-    sampled: NDArray[np.floating], weight: NDArray[np.floating], faces: NDArray[np.integer]
+    sampled: NDArray[np.floating],
+    weight: NDArray[np.floating],
+    faces: NDArray[np.integer],
+    typical_vertices: NDArray[np.bool_],
 ) -> NDArray[np.float32]:
     """Extend the seen vertices' colours smoothly over the rest of the mesh (a screened Laplace equation)."""
     V = len(sampled)
@@ -199,9 +206,10 @@ def _continue_colours(
     graph = ((graph + graph.T) > 0).astype(np.float64)
     laplacian = sparse.diags(np.asarray(graph.sum(axis=1)).ravel()) - graph
     confident = weight > 0.6
-    typical = np.median(sampled[confident], axis=0) if confident.any() else np.array([0.8, 0.6, 0.5])
+    shown = confident & typical_vertices if (confident & typical_vertices).any() else confident
+    typical = np.median(sampled[shown], axis=0) if shown.any() else np.array([0.8, 0.6, 0.5])
     data = np.where(confident, weight, 0.0) * 2.0
-    screen = 2e-4  # far from anything seen, return to the typical skin colour
+    screen = 1e-3  # far from anything seen, return to the colour of the cheeks
     system = (laplacian + sparse.diags(data + screen)).tocsc()
     filled = splu(system).solve(data[:, None] * sampled + screen * typical)
     return filled.astype(np.float32)

@@ -33,11 +33,12 @@ async function showGlb(canvas, buffer, onTargets) {
   if (!gl) throw new Error("this browser has no WebGL");
   const uints = gl.getExtension("OES_element_index_uint");
   if (!uints) throw new Error("this browser's WebGL has no 32-bit indices");
-  const vertex = `attribute vec3 p; attribute vec3 n; attribute vec2 t; uniform mat4 m; uniform mat3 r; varying vec3 vn; varying vec2 vt;
-    void main() { gl_Position = m * vec4(p, 1.0); vn = r * n; vt = t; }`;
-  const fragment = `precision mediump float; varying vec3 vn; varying vec2 vt; uniform sampler2D s; uniform vec4 c; uniform float lit;
+  const vertex = `attribute vec3 p; attribute vec3 n; attribute vec2 t; attribute vec3 k; uniform mat4 m; uniform mat3 r; varying vec3 vn; varying vec2 vt; varying vec3 vk;
+    void main() { gl_Position = m * vec4(p, 1.0); vn = r * n; vt = t; vk = k; }`;
+  const fragment = `precision mediump float; varying vec3 vn; varying vec2 vt; varying vec3 vk; uniform sampler2D s; uniform vec4 c; uniform float lit;
     void main() { vec3 n = normalize(vn); float d = 0.55 + 0.35 * max(dot(n, normalize(vec3(-0.4, 0.5, 0.8))), 0.0) + 0.15 * n.y;
-      vec4 k = texture2D(s, vt) * c; gl_FragColor = vec4(k.rgb * mix(1.0, d, lit), 1.0); }`;
+      vec3 linear = pow(texture2D(s, vt).rgb, vec3(2.2)) * c.rgb * vk * mix(1.0, d, lit);
+      gl_FragColor = vec4(pow(linear, vec3(1.0 / 2.2)), 1.0); }`;
   const program = gl.createProgram();
   for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
     const shader = gl.createShader(kind);
@@ -60,6 +61,15 @@ async function showGlb(canvas, buffer, onTargets) {
     return { handle, textured: Boolean(info) };
   }
 
+  function readColours(primitive, count) { // linear, as glTF has it
+    const rgb = new Float32Array(count * 3).fill(1);
+    if (primitive.attributes.COLOR_0 === undefined) return rgb;
+    const data = glb.read(primitive.attributes.COLOR_0);
+    const stride = data.length / count, top = data instanceof Uint8Array ? 255 : data instanceof Uint16Array ? 65535 : 1;
+    for (let i = 0; i < count; i++) for (let k = 0; k < 3; k++) rgb[i * 3 + k] = data[i * stride + k] / top;
+    return rgb;
+  }
+
   const parts = [];
   let names = [];
   for (const mesh of glb.json.meshes) {
@@ -72,8 +82,9 @@ async function showGlb(canvas, buffer, onTargets) {
         base, colour, positions: new Float32Array(base), normals: new Float32Array(base.length),
         indices: Uint32Array.from(glb.read(primitive.indices)),
         uv: primitive.attributes.TEXCOORD_0 === undefined ? new Float32Array((base.length / 3) * 2) : glb.read(primitive.attributes.TEXCOORD_0),
+        colours: readColours(primitive, base.length / 3),
         targets: (primitive.targets || []).map((target) => glb.read(target.POSITION)),
-        buffers: [gl.createBuffer(), gl.createBuffer(), gl.createBuffer(), gl.createBuffer()],
+        buffers: [0, 1, 2, 3, 4].map(() => gl.createBuffer()),
         texture: await texture(material),
       });
     }
@@ -101,11 +112,11 @@ async function showGlb(canvas, buffer, onTargets) {
         const x = uy * vz - uz * vy, y = uz * vx - ux * vz, z = ux * vy - uy * vx;
         for (const k of [a, b, c]) { n[k] += x; n[k + 1] += y; n[k + 2] += z; }
       }
-      [part.positions, part.normals, part.uv].forEach((data, k) => {
+      [part.positions, part.normals, part.uv, part.colours].forEach((data, k) => {
         gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[k]);
         gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
       });
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.buffers[3]);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.buffers[4]);
       gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, part.indices, gl.STATIC_DRAW);
     }
     draw();
@@ -132,7 +143,7 @@ async function showGlb(canvas, buffer, onTargets) {
     gl.uniformMatrix4fv(gl.getUniformLocation(program, "m"), false, m);
     gl.uniformMatrix3fv(gl.getUniformLocation(program, "r"), false, r);
     for (const part of parts) {
-      ["p", "n", "t"].forEach((name, k) => {
+      ["p", "n", "t", "k"].forEach((name, k) => {
         const location = gl.getAttribLocation(program, name);
         gl.bindBuffer(gl.ARRAY_BUFFER, part.buffers[k]);
         gl.enableVertexAttribArray(location);
@@ -141,7 +152,7 @@ async function showGlb(canvas, buffer, onTargets) {
       gl.bindTexture(gl.TEXTURE_2D, part.texture.handle);
       gl.uniform4fv(gl.getUniformLocation(program, "c"), part.colour);
       gl.uniform1f(gl.getUniformLocation(program, "lit"), part.texture.textured ? 0.35 : 1.0);
-      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.buffers[3]);
+      gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, part.buffers[4]);
       gl.drawElements(gl.TRIANGLES, part.indices.length, gl.UNSIGNED_INT, 0);
     }
   }

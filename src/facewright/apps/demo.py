@@ -1,0 +1,279 @@
+"""The whole tour: a population, its bilinear model, a photograph found in it, a rig to take along, and a page."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.apps.build_model import BuildModelRequest, build_model
+from facewright.apps.demo_page import Figure, Section, write_demo_page
+from facewright.apps.demo_page import Picture as PagePicture
+from facewright.apps.demo_pictures import Picture, fit_pictures, people_sheet, person_painter, person_texture
+from facewright.apps.explore_model import ExploreRequest, explore_model
+from facewright.apps.export import ExportRequest, demo_clip, export_rig
+from facewright.errors import NoFaceError, StoreError
+from facewright.faces import load_face
+from facewright.faces.attributes import ATTRIBUTE_NAMES, measure_attributes
+from facewright.faces.expressions import expression_weights, random_expression_weights
+from facewright.faces.simulate import simulate_person
+from facewright.fitting.image import PhotoFit, PhotoFitter
+from facewright.imaging.contact_sheet import contact_sheet
+from facewright.io.image import write_image
+from facewright.landmarks.detector import open_detector
+from facewright.models.attribute_regression import fit_attribute_regression
+from facewright.numeric.similarity import estimate_similarity
+
+if TYPE_CHECKING:
+    from facewright.faces.face import Face
+    from facewright.landmarks.points import Landmarks
+    from facewright.models.bilinear import BilinearModel
+
+Progress = Callable[[str, int, int], None]
+
+N_PEOPLE, N_IDENTITY, N_EXPRESSION = 60, 40, 25
+N_UNSEEN = 3
+PORTRAIT = (300, 260)
+EXPRESSIONS = (
+    "neutral", "smile", "mouth_stretch", "anger", "brow_raiser",
+    "lip_puckerer", "grin", "sadness", "cheek_blowing", "eyes_closed",
+)  # fmt: skip
+ATTRIBUTES = ("face length", "jaw width", "mouth width", "nose width", "eye size")
+DEVIATIONS = (-2.0, -1.0, 0.0, 1.0, 2.0)
+
+
+@dataclass(frozen=True)
+class DemoResult:
+    """What the demo measured and wrote.
+
+    Parameters
+    ----------
+    page : str
+        Path of the page.
+    seconds : float
+        Wall-clock time of all of it.
+    fit_ms : float
+        Time of fitting the photo, without the detector and without compilation.
+    reprojection_iod : float
+        Mean distance of the photo's landmarks from the fit's, as a share of the inter-ocular distance.
+    unseen_rms_mm, mean_face_rms_mm : float
+        Error of the model, and of the mean face, on people and expressions that it has not seen.
+    model_mb, glb_mb : float
+        Sizes of the files.
+    """
+
+    page: str
+    seconds: float
+    fit_ms: float
+    reprojection_iod: float
+    unseen_rms_mm: float
+    mean_face_rms_mm: float
+    model_mb: float
+    glb_mb: float
+
+
+def run_demo(out: Path, seed: int = 0, progress: Progress | None = None) -> DemoResult:
+    """Run the tour on the built-in face and scikit-image's astronaut portrait.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for the page and its files; made where it does not exist.
+    seed : int
+        Seed of the simulated people.
+    progress : callable, optional
+        Called with stage, done, total.
+
+    Returns
+    -------
+    DemoResult
+        Numbers; the page is ``out / "index.html"``.
+
+    Raises
+    ------
+    StoreError
+        If the folder cannot be made or written.
+    MissingExtraError
+        If the landmark detector is not installed.
+    NoFaceError
+        If the detector does not find the portrait's face.
+    """
+    start = time.perf_counter()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(f"{out} must be a folder that can be made, got: {error.strerror or error}.") from error
+    detector = open_detector()  # before the long work: tells at once if the extra is missing
+    photo = astronaut_portrait()
+    faces = detector.detect(photo)
+    if not faces:
+        raise NoFaceError("the demo's portrait must show a face, the detector found none.")
+    built = build_model(
+        BuildModelRequest(out / "model.fwm", "builtin", N_PEOPLE, N_IDENTITY, N_EXPRESSION, seed, n_unseen=0), progress
+    )
+    face, model = load_face("builtin"), built.model
+    unseen_rms, mean_rms = _unseen_errors(model, face, seed, progress)
+    fit, fit_ms = _timed_fit(model, faces[0], (photo.shape[0], photo.shape[1]))
+    texture = person_texture(photo, fit)
+    _draw(out, face, photo, fit, texture, seed, progress)
+    explore_model(ExploreRequest(model, out / "model.png", n_modes=3, size=(180, 156)), progress)
+    clip = demo_clip(fit.rig.names)
+    exported = export_rig(
+        ExportRequest(fit.rig, face.topology, out / "person.glb", texture=texture, clip=clip, copyright=face.licence,
+                      vertex_colors=_plain_colours(face)),
+        progress,
+    )  # fmt: skip
+    result = DemoResult(
+        page=str(out / "index.html"),
+        seconds=time.perf_counter() - start,
+        fit_ms=fit_ms,
+        reprojection_iod=fit.reprojection_iod,
+        unseen_rms_mm=unseen_rms,
+        mean_face_rms_mm=mean_rms,
+        model_mb=built.n_bytes / 1e6,
+        glb_mb=exported.n_bytes / 1e6,
+    )
+    _write_page(out, result, model, fit)
+    return result
+
+
+def astronaut_portrait() -> NDArray[np.uint8]:
+    """Return the portrait of Eileen Collins that scikit-image ships (NASA, public domain), (512, 512, 3), uint8."""
+    from skimage import data
+
+    return np.ascontiguousarray(data.astronaut())
+
+
+def _unseen_errors(model: BilinearModel, face: Face, seed: int, progress: Progress | None) -> tuple[float, float]:
+    """Return the RMS errors (mm) of the model and of the mean face on people and expressions it has not seen."""
+    rng = np.random.default_rng((seed, 11))  # another stream than the training people
+    ours, trivial = [], []
+    for k in range(N_UNSEEN):
+        person = simulate_person(face, rng)
+        for truth in person.pose(random_expression_weights(rng, 3)):
+            found = model.synthesise(*model.project(truth))
+            ours.append(((found - truth) ** 2).sum(axis=1).mean())
+            placed = estimate_similarity(model.mean_face.astype(np.float64), truth.astype(np.float64))
+            trivial.append(((placed.apply(model.mean_face) - truth) ** 2).sum(axis=1).mean())
+        if progress is not None:
+            progress("checking on unseen people", k + 1, N_UNSEEN)
+    return float(np.sqrt(np.mean(ours))), float(np.sqrt(np.mean(trivial)))
+
+
+def _timed_fit(model: BilinearModel, landmarks: Landmarks, image_size: tuple[int, int]) -> tuple[PhotoFit, float]:
+    fitter = PhotoFitter(model)
+    fitter.fit(landmarks, image_size)  # compiles
+    start = time.perf_counter()
+    fit = fitter.fit(landmarks, image_size)
+    _ = fit.vertices
+    return fit, 1e3 * (time.perf_counter() - start)
+
+
+def _draw(
+    out: Path, face: Face, photo: Picture, fit: PhotoFit, texture: Picture, seed: int, progress: Progress | None
+) -> None:
+    """Draw the person's pictures into the folder."""
+    draw = person_painter(face, fit, texture, PORTRAIT)
+    write_image(out / "people.png", people_sheet(face, seed))
+    for name, picture in zip(("photo", "landmarks", "mesh"), fit_pictures(photo, fit, fit.landmarks.points)):
+        write_image(out / f"{name}.png", picture)
+    views = [draw(fit.vertices, yaw) for yaw in (-50, -25, 0, 25, 50)]
+    write_image(out / "views.png", contact_sheet(views, columns=5))
+    acted = []
+    for k, name in enumerate(EXPRESSIONS):
+        acted.append(draw(fit.rig.pose(expression_weights(name))))
+        if progress is not None:
+            progress("drawing expressions", k + 1, len(EXPRESSIONS))
+    write_image(out / "expressions.png", contact_sheet(acted, [e.replace("_", " ") for e in EXPRESSIONS], columns=5))
+    model = fit.model
+    neutrals = np.stack([model.synthesise(w, model.expression_weights[0]) for w in model.identity_weights])
+    measured = measure_attributes(neutrals, model.topology)
+    regression = fit_attribute_regression(model.identity_weights, measured, ATTRIBUTE_NAMES)
+    changed, captions = [], []
+    for k, name in enumerate(ATTRIBUTES):
+        for deviation in DEVIATIONS:
+            w_id = fit.identity_weights + regression.change({name: deviation})
+            # the neutral changes, the expression stays: few people cannot tell how one depends on the other
+            neutral = model.synthesise(w_id, model.expression_weights[0])
+            changed.append(draw(neutral + (fit.vertices - fit.rig.neutral), 10.0))
+            captions.append(f"{name} {deviation:+g} sd" if deviation else "as in the photo")
+        if progress is not None:
+            progress("drawing attributes", k + 1, len(ATTRIBUTES))
+    write_image(out / "attributes.png", contact_sheet(changed, captions, columns=len(DEVIATIONS)))
+
+
+def _plain_colours(face: Face) -> NDArray[np.uint8]:
+    """Paint eyes, teeth and mouth of the exported rig."""
+    from facewright.faces.appearance import sample_appearance, vertex_colors
+
+    colours = vertex_colors(face, sample_appearance(np.random.default_rng(3)))
+    return np.round(np.clip(colours, 0, 1) * 255).astype(np.uint8)
+
+
+def _write_page(out: Path, result: DemoResult, model: BilinearModel, fit: PhotoFit) -> None:
+    yaw, pitch, roll = fit.head_angles_degrees
+    sections = [
+        Section(
+            "One photograph",
+            "A detector finds points on the photo (green). The model is turned, scaled and shaped until its points "
+            "(red) lie on them; the mesh on the right is what came out. All below is made from this one picture.",
+            [[PagePicture("photo.png", "The photo: astronaut Eileen Collins (NASA), as scikit-image ships it."),
+              PagePicture("landmarks.png", "Found points (green) and the fitted model's (red)."),
+              PagePicture("mesh.png", f"The fitted mesh; the head is turned by {yaw:.0f}, {pitch:.0f} and {roll:.0f} "
+                          "degrees (yaw, pitch, roll).")]],
+        ),
+        Section("The person in 3D", "A rig with 46 named expressions, carried by person.glb.", viewer=True),
+        Section(
+            "New expressions",
+            "The same person with expressions that are not in the photo: blendshapes of this person, from the bilinear "
+            "model (FaceWarehouse, eq. 17).",
+            [[PagePicture("expressions.png", "Ten of the twenty expressions of FaceWarehouse.")],
+             [PagePicture("views.png", "The fitted expression from five sides. The camera saw the front only; the "
+                          "sides continue the skin that it saw.")]],
+        ),
+        Section(
+            "New identity",
+            "Attributes with names, in standard deviations of the population; one changes, the others are held as far "
+            "as people allow (FaceWarehouse, eq. 11-12).",
+            [[PagePicture("attributes.png", "Five attributes from -2 to +2 standard deviations.")]],
+        ),
+        Section(
+            "Where it comes from",
+            f"{N_PEOPLE} people were made up from the built-in face, with {len(model.expression_names)} shapes each; "
+            f"their tensor was decomposed into {model.n_identity} identity and {model.n_expression} expression parts.",
+            [[PagePicture("people.png", "Ten of such people.")],
+             [PagePicture("model.png", "The leading ways to differ in identity (first three rows) and in expression, "
+                          "from -2 to +2 standard deviations.")]],
+        ),
+    ]  # fmt: skip
+    figures = [
+        Figure("landmarks off by", f"{100 * result.reprojection_iod:.1f} %", "mean distance between found and fitted "
+               "points in the photo, as a share of the distance between the eyes"),
+        Figure("fit of the photo", f"{result.fit_ms:.0f} ms", "once the points are found"),
+        Figure("error on unseen people", f"{result.unseen_rms_mm:.2f} mm", f"how well the model takes the shape of "
+               f"{N_UNSEEN} people and {3 * N_UNSEEN} expressions that it was not built from (RMS over all vertices)"),
+        Figure("the same, mean face", f"{result.mean_face_rms_mm:.2f} mm", "the trivial answer, for comparison"),
+        Figure("vertices", f"{model.n_vertices:,}", "of the built-in face, eyes, teeth and mouth included"),
+        Figure("model file", f"{result.model_mb:.1f} MB", "core, priors and topology, compressed"),
+        Figure("whole demo", f"{result.seconds:.0f} s", "on this machine"),
+    ]  # fmt: skip
+    files = [
+        ("person.glb", "the person as a rig with 46 morph targets, photo texture and a short animation: Blender, "
+         "Unity, Unreal, three.js and others open it"),
+        ("model.fwm", "the bilinear model: facewright fit PHOTO --model model.fwm"),
+    ]  # fmt: skip
+    write_demo_page(
+        out,
+        "facewright: one photo, one rig",
+        "What you see was computed on this machine's CPU a moment ago, by make demo, from a built-in face and one "
+        "photograph. Nothing was downloaded, and all of it may be shipped.",
+        sections,
+        figures,
+        files,
+        out / "person.glb",
+    )
