@@ -10,7 +10,7 @@ from scipy import sparse
 
 from facewright.errors import ValueRangeError
 from facewright.mesh.connectivity import vertex_components
-from facewright.mesh.triangle_frames import degenerate_triangles, triangle_frames
+from facewright.mesh.triangle_frames import degenerate_triangles, inverse_frames, triangle_frames
 from facewright.numeric.check import check_choice, check_finite, check_indices, check_shape
 from facewright.numeric.sparse_solve import SymmetricSolver
 
@@ -84,12 +84,12 @@ class DeformationTransfer:
         self._faces = np.ascontiguousarray(faces[keep], dtype=np.int32)
         self._source_frames = np.ascontiguousarray(source)
         # Rows 1 and 2 of V^-1 are the gradients of the hat functions of corners 2 and 3.
-        gradients = np.linalg.inv(target)[:, :2].transpose(0, 2, 1)
+        gradients = inverse_frames(target)[:, :2].transpose(0, 2, 1)
         weights = np.ones(len(target))
         if weighting == "area":
             weights = 0.5 * np.linalg.norm(np.cross(target[..., 0], target[..., 1]), axis=1)
             weights /= weights.mean() if len(weights) else 1.0
-        self._carriers = np.ascontiguousarray(np.linalg.inv(source) @ gradients * weights[:, None, None])
+        self._carriers = np.ascontiguousarray(inverse_frames(source) @ gradients * weights[:, None, None])
         self._matrix = _gradient_matrix(self._faces, gradients, weights, V)
         labels = vertex_components(self._faces, V)
         n_components = int(labels.max(initial=-1)) + 1

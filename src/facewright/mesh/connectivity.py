@@ -33,7 +33,10 @@ def unique_edges(faces: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
         If `faces` is not (F, 3).
     """
     check_shape("faces", faces, "F", 3)
-    return np.unique(np.sort(half_edges(faces), axis=1), axis=0)
+    pairs = np.sort(half_edges(faces), axis=1)
+    size = int(pairs.max(initial=0)) + 1
+    keys = np.unique(pairs[:, 0] * size + pairs[:, 1])  # one number per edge: far faster than unique rows
+    return np.stack([keys // size, keys % size], axis=1)
 
 
 def vertex_adjacency(faces: NDArray[np.integer[Any]], n_vertices: int) -> sparse.csr_matrix:
@@ -73,7 +76,9 @@ def boundary_edges(faces: NDArray[np.integer[Any]]) -> NDArray[np.int64]:
     """
     check_shape("faces", faces, "F", 3)
     directed = half_edges(faces)
-    _, first, counts = np.unique(np.sort(directed, axis=1), axis=0, return_index=True, return_counts=True)
+    pairs = np.sort(directed, axis=1)
+    keys = pairs[:, 0] * (int(pairs.max(initial=0)) + 1) + pairs[:, 1]
+    _, first, counts = np.unique(keys, return_index=True, return_counts=True)
     return directed[np.sort(first[counts == 1])]
 
 

@@ -50,6 +50,13 @@ def triangle_frames(vertices: NDArray[np.floating[Any]], faces: NDArray[np.integ
     return np.stack([first, second, third], axis=-1)
 
 
+def inverse_frames(frames: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return V^-1 of frames (..., 3, 3) in closed form; rows are dual to the columns of V. Not for flat triangles."""
+    a, b, c = frames[..., 0], frames[..., 1], frames[..., 2]
+    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=-2)
+    return rows / (rows[..., 0, :] * a).sum(axis=-1)[..., None, None]
+
+
 def degenerate_triangles(frames: NDArray[np.float64], tolerance: float = 1e-9) -> NDArray[np.bool_]:
     """Tell which frames (F, 3, 3) have no area: twice the area at most `tolerance` of the squared longest side."""
     first, second = frames[..., 0], frames[..., 1]
@@ -92,4 +99,4 @@ def deformation_gradients(
     flat = degenerate_triangles(frames)
     if flat.any():
         raise DegenerateError(f"neutral must have triangles with an area, got {int(flat.sum())} without.")
-    return triangle_frames(deformed, faces) @ np.linalg.inv(frames)
+    return triangle_frames(deformed, faces) @ inverse_frames(frames)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from scipy.sparse.linalg import splu
 
 from facewright.errors import DegenerateError, ShapeError
 from facewright.numeric.check import check_finite
+from facewright.numeric.threads import for_blocks
 
 _BLOCK = 48  # right-hand sides per sweep: the block of 11K rows then stays in the second-level cache
 
@@ -97,35 +96,19 @@ class SymmetricSolver:
             raise ShapeError(f"B must have shape (n={self.n}, ...), got {tuple(values.shape)}.")
         columns = values.reshape(self.n, -1)
         X = np.zeros_like(columns)
-        starts = range(0, columns.shape[1], _BLOCK)
 
-        def solve_block(start: int) -> None:
-            block = np.ascontiguousarray(columns[self._order, start : start + _BLOCK])
+        def solve_block(start: int, stop: int) -> None:
+            block = np.ascontiguousarray(columns[self._order, start:stop])
             solve_ldl(self._indptr, self._indices, self._values, self._inverse_diagonal, block)
-            X[self._order, start : start + _BLOCK] = block
+            X[self._order, start:stop] = block
 
-        workers = min(len(starts), _thread_count())
-        if workers > 1:  # the sweeps release the interpreter lock
-            with ThreadPoolExecutor(workers) as pool:
-                list(pool.map(solve_block, starts))
-        else:
-            for start in starts:
-                solve_block(start)
+        for_blocks(columns.shape[1], _BLOCK, solve_block)
         return X.reshape(values.shape)
 
     @property
     def factor_nonzeros(self) -> int:
         """Number of stored entries of L, diagonal included."""
         return self._values.size + self.n
-
-
-def _thread_count() -> int:
-    """Return the number of threads to use: cores, or less where NUMBA_NUM_THREADS or OMP_NUM_THREADS say so."""
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
-        value = os.environ.get(name, "")
-        if value.isdigit() and int(value) > 0:
-            return int(value)
-    return os.cpu_count() or 1
 
 
 def solve_symmetric(A: Any, B: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

@@ -1,0 +1,48 @@
+"""Run compiled kernels, which release the interpreter lock, on blocks of an index range in threads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from facewright.errors import ValueRangeError
+
+
+def thread_count() -> int:
+    """Return the number of threads to use: NUMBA_NUM_THREADS or OMP_NUM_THREADS where set, else usable cores."""
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
+        value = os.environ.get(name, "")
+        if value.isdigit() and int(value) > 0:
+            return int(value)
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def for_blocks(size: int, block: int, work: Callable[[int, int], None]) -> None:
+    """Call work(start, stop) for consecutive blocks of [0, size), in threads where there are several blocks.
+
+    Parameters
+    ----------
+    size : int
+        Length of the range.
+    block : int
+        Largest length of a block.
+    work : callable
+        Must write only to its own block of the results. Its first error is raised here.
+
+    Raises
+    ------
+    ValueRangeError
+        If `block` is not positive.
+    """
+    if block < 1:
+        raise ValueRangeError(f"block must be positive, got {block}.")
+    starts = range(0, size, block)
+    workers = min(len(starts), thread_count())
+    if workers < 2:
+        for start in starts:
+            work(start, min(start + block, size))
+        return
+    with ThreadPoolExecutor(workers) as pool:
+        for _ in pool.map(lambda start: work(start, min(start + block, size)), starts):
+            pass
