@@ -15,7 +15,7 @@ from facewright.models.bilinear_store import load_bilinear
 def built(tmp_path_factory):
     steps = []
     request = BuildModelRequest(
-        tmp_path_factory.mktemp("model") / "m.fwm", n_people=5, n_identity=4, n_expression=8, seed=3, n_unseen=1
+        tmp_path_factory.mktemp("model") / "m.fwbm", n_people=5, n_identity=4, n_expression=8, seed=3, n_unseen=1
     )
     return build_model(request, lambda *step: steps.append(step)), steps
 
@@ -34,18 +34,18 @@ def test_the_file_holds_the_model(built):
     assert result.n_bytes == result.path.stat().st_size
     assert 0 < result.unseen_rms_mm < 10
     assert {"simulating people", "checking on unseen people"} <= {stage for stage, _, _ in steps}
-    assert [p.name for p in result.path.parent.iterdir()] == ["m.fwm"]  # nothing else is left behind
+    assert [p.name for p in result.path.parent.iterdir()] == ["m.fwbm"]  # nothing else is left behind
 
 
 def test_the_same_seed_gives_the_same_model(built, tmp_path, monkeypatch):
     """Also where the people lie in a file because memory is short."""
     result, _ = built
     monkeypatch.setattr("facewright.apps.build_model.MEMORY_LIMIT_MB", 0.0)
-    request = BuildModelRequest(tmp_path / "m.fwm", n_people=5, n_identity=4, n_expression=8, seed=3, n_unseen=0)
+    request = BuildModelRequest(tmp_path / "m.fwbm", n_people=5, n_identity=4, n_expression=8, seed=3, n_unseen=0)
     again = build_model(request)
     assert again.unseen_rms_mm is None
     np.testing.assert_allclose(again.model.mean_face, result.model.mean_face, atol=1e-3)
-    assert [p.name for p in tmp_path.iterdir()] == ["m.fwm"]
+    assert [p.name for p in tmp_path.iterdir()] == ["m.fwbm"]
 
 
 def test_the_models_own_face_is_found_again(built):
@@ -80,14 +80,14 @@ def test_principal_axes_span_the_covariance_and_are_ordered(rng):
 )
 def test_sizes_out_of_range_are_refused(tmp_path, wrong):
     with pytest.raises(ValueRangeError, match=next(iter(wrong))):
-        BuildModelRequest(tmp_path / "m.fwm", **wrong)
+        BuildModelRequest(tmp_path / "m.fwbm", **wrong)
 
 
 def test_what_cannot_work_is_refused_before_the_work(tmp_path, built):
     with pytest.raises(StoreError, match="does not exist"):
-        build_model(BuildModelRequest(tmp_path / "none" / "m.fwm"))
+        build_model(BuildModelRequest(tmp_path / "none" / "m.fwbm"))
     with pytest.raises(MissingFaceError):
-        build_model(BuildModelRequest(tmp_path / "m.fwm", face="nobody"))
+        build_model(BuildModelRequest(tmp_path / "m.fwbm", face="nobody"))
     for wrong in ({"side": "up"}, {"n_modes": 0}, {"sigmas": ()}, {"sigmas": (np.nan,)}):
         with pytest.raises(ValueRangeError):
             ExploreRequest(built[0].model, tmp_path / "m.png", **wrong)

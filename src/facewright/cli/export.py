@@ -35,7 +35,7 @@ def export(
     \b
     Examples:
       facewright export face.glb --animate
-      facewright export me.glb --model face.fwm --fit photo/fit.json --texture photo/texture.png
+      facewright export me.glb --model face.fwbm --fit photo/fit.json --texture photo/texture.png
       facewright export shapes/ --faces ict --seed 3 --names arkit52
     """
     from facewright.apps.export_person import ExportPersonRequest, export_person

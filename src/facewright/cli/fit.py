@@ -20,7 +20,7 @@ def fit(
 
     \b
     Examples:
-      facewright fit portrait.jpg --model face.fwm
+      facewright fit portrait.jpg --model face.fwbm
     """
     from facewright.apps.fit_photo import FitPhotoRequest, fit_photo
 

@@ -15,7 +15,7 @@ ModelArgument = Annotated[Path, typer.Argument(help="A model file, as `facewrigh
 
 @app.command("build")
 def build(
-    out: Annotated[Path, typer.Argument(help="Model file to write, such as face.fwm.")],
+    out: Annotated[Path, typer.Argument(help="Model file to write, such as face.fwbm.")],
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
     people: Annotated[int, typer.Option(help="Simulated people.", min=2)] = 150,
     identities: Annotated[int, typer.Option(help="Identity components kept.", min=1)] = 50,
@@ -28,9 +28,9 @@ def build(
 
     \b
     Examples:
-      facewright model build face.fwm
-      facewright model build small.fwm --people 40 --identities 20 --expressions 15
-      facewright model build ict.fwm --faces ict --skin
+      facewright model build face.fwbm
+      facewright model build small.fwbm --people 40 --identities 20 --expressions 15
+      facewright model build ict.fwbm --faces ict --skin
     """
     from facewright.apps.build_model import BuildModelRequest, build_model
 
@@ -73,8 +73,8 @@ def info(path: ModelArgument, as_json: JsonOption = False) -> None:
 
     \b
     Examples:
-      facewright model info face.fwm
-      facewright model info face.fwm --json
+      facewright model info face.fwbm
+      facewright model info face.fwbm --json
     """
     from facewright.models.bilinear_store import load_bilinear
 
@@ -107,8 +107,8 @@ def explore(
 
     \b
     Examples:
-      facewright model explore face.fwm --out modes.png
-      facewright model explore face.fwm --side identity --modes 8
+      facewright model explore face.fwbm --out modes.png
+      facewright model explore face.fwbm --side identity --modes 8
     """
     from facewright.apps.explore_model import ExploreRequest, explore_model
     from facewright.models.bilinear_store import load_bilinear
