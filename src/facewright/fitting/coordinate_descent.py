@@ -11,8 +11,8 @@ from facewright.camera.weak_perspective import WeakPerspective, estimate_weak_pe
 from facewright.fitting.box_quadratic import minimise_in_box
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.landmark_term import noise_px, robust_weights
-from facewright.fitting.landmark_model import LandmarkModel, expression_matrix, identity_matrix
-from facewright.landmarks.contour import slide_on_outline
+from facewright.fitting.landmark_model import LandmarkModel
+from facewright.fitting.small_algebra import normal_equations, solve_spd
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,23 +64,12 @@ class Targets:
 def start_state(model: LandmarkModel, targets: Targets) -> FitState:
     """Return the mean face at rest under the pose that its fixed landmarks give."""
     c, beta = np.zeros(model.n_identity), np.zeros(len(model.mixture))
-    points = identity_matrix(model.core[:1], model.neutral)[0]
+    points = model.core[0] @ model.neutral
     w = targets.confidence[: targets.n_fixed]
     return FitState(c, beta, estimate_weak_perspective(points, targets.pixels[: targets.n_fixed], w))
 
 
-def slide_contour(model: LandmarkModel, state: FitState, targets: Targets) -> NDArray[np.float64]:
-    """Refresh the contour's correspondences under the present camera; return the core of all points."""
-    outline = model.outline(state.c, state.beta)
-    pixels = state.camera.project(outline)
-    chosen = model.strips.outline(pixels, state.camera.rotation)
-    corners = pixels[np.arange(len(chosen)), chosen]
-    return model.with_contour(chosen, slide_on_outline(targets.contour, corners))
-
-
-def descend(
-    model: LandmarkModel, targets: Targets, prior: ExpressionPrior, state: FitState, rounds: int
-) -> tuple[FitState, NDArray[np.float64]]:
+def descend(model: LandmarkModel, targets: Targets, prior: ExpressionPrior, state: FitState, rounds: int) -> FitState:
     """Run rounds of contour, pose, identity and expression steps.
 
     Parameters
@@ -98,21 +87,18 @@ def descend(
 
     Returns
     -------
-    state : FitState
+    FitState
         Where it ended.
-    core : ndarray of shape (1 + K, P + C, 3, E)
-        Core of all points at the last correspondences.
     """
-    core = slide_contour(model, state, targets)
-    for round_ in range(rounds):
-        if round_:
-            core = slide_contour(model, state, targets)
-        A = identity_matrix(core, model.expression(state.beta))
+    for _ in range(rounds):
+        w_exp = model.expression(state.beta)
+        pixels = state.camera.project(model.candidates(state.c, w_exp))
+        places = model.place_contour(pixels, state.camera.rotation, targets.contour)
+        A = model.identity_matrix(w_exp, places)
         state = _pose_step(A, targets, state)
         state = _identity_step(A, targets, state)
-        B = expression_matrix(core, state.c)
-        state = _expression_step(B, model, targets, prior, state)
-    return state, core
+        state = _expression_step(model.expression_matrix(state.c, places), model, targets, prior, state)
+    return state
 
 
 def _weights(points: NDArray[np.float64], targets: Targets, camera: WeakPerspective) -> NDArray[np.float64]:
@@ -124,7 +110,7 @@ def _pose_step(A: NDArray[np.float64], targets: Targets, state: FitState) -> Fit
     """Fit s, R and t to the present face, an orthogonal problem."""
     points = A[0] + np.tensordot(state.c, A[1:], 1)
     w = _weights(points, targets, state.camera)
-    return replace(state, camera=estimate_weak_perspective(points, targets.pixels, w, start=state.camera))
+    return replace(state, camera=estimate_weak_perspective(points, targets.pixels, w, start=state.camera, iterations=3))
 
 
 def _identity_step(A: NDArray[np.float64], targets: Targets, state: FitState) -> FitState:
@@ -132,11 +118,11 @@ def _identity_step(A: NDArray[np.float64], targets: Targets, state: FitState) ->
     camera = state.camera
     w = _weights(A[0] + np.tensordot(state.c, A[1:], 1), targets, camera)
     seen = A @ camera.matrix.T  # (1 + K, L, 2)
-    J = seen[1:].reshape(len(seen) - 1, -1)
+    J = np.ascontiguousarray(seen[1:].reshape(len(seen) - 1, -1).T)
     wanted = (targets.pixels - camera.translation - seen[0]).ravel()
-    JW = J * np.repeat(w, 2)
-    c = np.linalg.solve(JW @ J.T + np.eye(len(J)), JW @ wanted)
-    return replace(state, c=c)
+    H, g = normal_equations(J, np.repeat(w, 2), wanted)
+    H[np.diag_indices_from(H)] += 1.0
+    return replace(state, c=solve_spd(H, g[:, None])[:, 0])
 
 
 def _expression_step(
@@ -148,8 +134,6 @@ def _expression_step(
     seen = np.einsum("rc,lce->lre", camera.matrix, B).reshape(-1, B.shape[2])
     J = seen @ model.mixture.T  # (2 L, B)
     wanted = (targets.pixels - camera.translation).ravel() - seen @ model.neutral
-    JW = J.T * np.repeat(w, 2)
-    n = len(state.beta)
-    H = JW @ J + np.eye(n) / prior.spread**2
-    g = np.full(n, prior.sparsity) - JW @ wanted
-    return replace(state, beta=minimise_in_box(H, g, state.beta))
+    H, g = normal_equations(J, np.repeat(w, 2), wanted)
+    H[np.diag_indices_from(H)] += 1.0 / prior.spread**2
+    return replace(state, beta=minimise_in_box(H, prior.sparsity - g, state.beta))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -47,9 +47,9 @@ class PhotoFitOptions:
         Prior of the FACS coefficients, see `ExpressionPrior`.
     """
 
-    rounds: int = 5
+    rounds: int = 3
     perspective: bool = True
-    refinements: int = 6
+    refinements: int = 8
     focal_length: float | None = None
     noise_mm: float = 1.0
     expression_spread: float = 0.35
@@ -211,7 +211,7 @@ class PhotoFitter:
         pixels = np.where(found.present[:, None], found.points, 0.0)[order]
         targets = Targets(pixels, found.confidence[order], len(small.fixed), options.noise_mm)
         prior = ExpressionPrior(options.expression_spread, options.expression_sparsity)
-        state, core = descend(small, targets, prior, start_state(small, targets), options.rounds)
+        state = descend(small, targets, prior, start_state(small, targets), options.rounds)
         intrinsics, motion, c, beta = None, None, state.c, state.beta
         if options.perspective:
             fine = refine(
@@ -241,19 +241,11 @@ class PhotoFitter:
         order: NDArray[np.int32],
     ) -> PhotoFit:
         """Fill in where the fit has the landmarks."""
-        from dataclasses import replace
-
-        from facewright.landmarks.contour import slide_on_outline
-
         small = self._landmark_model
-        outline = fit.project(small.outline(c, beta))
-        chosen = small.strips.outline(outline, fit.rotation)
-        sliding = slide_on_outline(targets.contour, outline[np.arange(len(chosen)), chosen])
-        core = small.with_contour(chosen, sliding)
-        flat = core.reshape(len(core), -1)
-        points = (flat[0] + c @ flat[1:]).reshape(core.shape[1:]) @ small.expression(beta)
+        w_exp = small.expression(beta)
+        places = small.place_contour(fit.project(small.candidates(c, w_exp)), fit.rotation, targets.contour)
         reprojection = np.full((self.scheme.n_points, 2), np.nan)
-        reprojection[order] = fit.project(points)
+        reprojection[order] = fit.project(small.expression_matrix(c, places) @ w_exp)
         return replace(fit, reprojection=reprojection)
 
 

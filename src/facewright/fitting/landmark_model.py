@@ -9,9 +9,30 @@ from numpy.typing import NDArray
 
 from facewright.errors import TopologyError
 from facewright.fitting.energies.identity_prior import IdentityPrior
-from facewright.landmarks.contour import ContourStrips, Sliding, build_contour_strips
+from facewright.fitting.small_algebra import contract_first, contract_last
+from facewright.landmarks.contour import ContourStrips, build_contour_strips, slide_on_outline
 from facewright.landmarks.scheme import LandmarkScheme
 from facewright.models.bilinear import BilinearModel
+
+
+@dataclass(frozen=True, eq=False)
+class ContourPlaces:
+    """Where the contour points sit at the moment: between two candidates each.
+
+    Parameters
+    ----------
+    first, second : ndarray of shape (C,), int
+        Candidates (rows of `LandmarkModel.strip_core`'s second axis).
+    fraction : ndarray of shape (C,), float64
+        0 at `first`, 1 at `second`.
+    normal : ndarray of shape (C, 2), float64
+        Unit normal of the outline in the picture.
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    fraction: NDArray[np.float64]
+    normal: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +45,7 @@ class LandmarkModel:
         Landmarks of the scheme that have a vertex, P of them.
     sliding : ndarray of int32
         Landmarks that slide along the contour, C of them.
-    core : ndarray of shape (1 + K, P, 3, E), float64
+    core : ndarray of shape (1 + K, P, 3, E), float32
         Core at the fixed landmarks; slice 0 is the mean identity, slice 1 + k identity axis k.
     strip_core : ndarray of shape (1 + K, N, 3, E), float32
         The same at the N different contour candidates.
@@ -38,7 +59,7 @@ class LandmarkModel:
 
     fixed: NDArray[np.int32]
     sliding: NDArray[np.int32]
-    core: NDArray[np.float64]
+    core: NDArray[np.float32]
     strip_core: NDArray[np.float32]
     strips: ContourStrips
     mixture: NDArray[np.float64]
@@ -72,7 +93,7 @@ class LandmarkModel:
         return cls(
             fixed=fixed,
             sliding=scheme.sliding,
-            core=np.ascontiguousarray(white[:, : len(fixed)]),
+            core=np.ascontiguousarray(white[:, : len(fixed)], dtype=np.float32),
             strip_core=np.ascontiguousarray(white[:, len(fixed) :], dtype=np.float32),
             strips=compact,
             mixture=u[1:] - u[0],
@@ -88,36 +109,57 @@ class LandmarkModel:
         """Return w_exp (E,) of FACS coefficients (B,)."""
         return self.neutral + beta @ self.mixture
 
-    def outline(self, c: NDArray[np.floating], beta: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the contour candidates in their strips, (K strips, M, 3), millimetres."""
-        w_exp = self.expression(beta).astype(np.float32)
-        K1, N = self.strip_core.shape[:2]
-        rows = (self.strip_core.reshape(-1, len(w_exp)) @ w_exp).reshape(K1, N * 3)
-        points = rows[0] + c.astype(np.float32) @ rows[1:]
-        return points.reshape(N, 3)[self.strips.vertices].astype(np.float64)
+    def candidates(self, c: NDArray[np.floating], w_exp: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the contour candidates (N, 3), millimetres."""
+        flat = contract_first(self.strip_core.reshape(len(c) + 1, -1), _with_one(c))
+        return contract_last(flat.reshape(1, -1, len(w_exp)), np.asarray(w_exp)).reshape(-1, 3)
 
-    def with_contour(self, chosen: NDArray[np.intp], sliding: Sliding) -> NDArray[np.float64]:
-        """Return the core (1 + K, P + C, 3, E) of the fixed landmarks and the contour points at their present places.
+    def place_contour(
+        self, candidate_pixels: NDArray[np.float64], rotation: NDArray[np.float64], found: NDArray[np.float64]
+    ) -> ContourPlaces:
+        """Find the outline among the projected candidates and each contour point's nearest place on it.
 
         Parameters
         ----------
-        chosen : ndarray of shape (strips,), int
-            The outline's vertex in each strip.
-        sliding : Sliding
-            Place of each contour point on the outline.
+        candidate_pixels : ndarray of shape (N, 2)
+            Projected candidates.
+        rotation : ndarray of shape (3, 3)
+            Of the head, camera_from_model.
+        found : ndarray of shape (C, 2), pixels
+            The picture's contour points.
         """
-        corners = self.strips.vertices[np.arange(len(chosen)), chosen]
-        a, b = self.strip_core[:, corners[sliding.first]], self.strip_core[:, corners[sliding.first + 1]]
-        contour = a + sliding.fraction.astype(np.float32)[:, None, None] * (b - a)
-        return np.concatenate([self.core, contour], axis=1)
+        strips = self.strips.vertices
+        chosen = self.strips.outline(candidate_pixels[strips], rotation)
+        corners = strips[np.arange(len(chosen)), chosen]
+        outline = candidate_pixels[corners]
+        sliding = slide_on_outline(found, outline)
+        along = outline[sliding.first + 1] - outline[sliding.first]
+        length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
+        normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length[:, None]
+        return ContourPlaces(corners[sliding.first], corners[sliding.first + 1], sliding.fraction, normal)
+
+    def identity_matrix(self, w_exp: NDArray[np.floating], places: ContourPlaces) -> NDArray[np.float64]:
+        """Return (1 + K, L, 3) at the fixed landmarks and the contour's places: points are row 0 + c rows 1..K."""
+        w = w_exp.astype(np.float32)
+        K1, E = len(self.core), len(w)
+        both = np.concatenate([places.first, places.second])
+        fixed = contract_last(self.core.reshape(K1, -1, E), w).reshape(K1, -1, 3)
+        corners = contract_last(self.strip_core[:, both].reshape(K1, -1, E), w).reshape(K1, 2, -1, 3)
+        share = places.fraction[:, None]
+        return np.concatenate([fixed, (1.0 - share) * corners[:, 0] + share * corners[:, 1]], axis=1)
+
+    def expression_matrix(self, c: NDArray[np.floating], places: ContourPlaces) -> NDArray[np.float64]:
+        """Return (L, 3, E) at the fixed landmarks and the contour's places: points are this times w_exp."""
+        weights = _with_one(c)
+        K1, E = len(weights), self.core.shape[-1]
+        both = np.concatenate([places.first, places.second])
+        fixed = contract_first(self.core.reshape(K1, -1), weights).reshape(-1, 3, E)
+        corners = contract_first(self.strip_core[:, both].reshape(K1, -1), weights).reshape(2, -1, 3, E)
+        share = places.fraction[:, None, None]
+        return np.concatenate([fixed, (1.0 - share) * corners[0] + share * corners[1]])
 
 
-def identity_matrix(core: NDArray[np.float64], w_exp: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (1 + K, L, 3) of a core (1 + K, L, 3, E): the points are row 0 + c rows 1..K."""
-    return (core.reshape(-1, core.shape[-1]) @ w_exp).reshape(core.shape[:3])
-
-
-def expression_matrix(core: NDArray[np.float64], c: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (L, 3, E) of a core (1 + K, L, 3, E): the points are this times w_exp."""
-    flat = core.reshape(len(core), -1)
-    return (flat[0] + c @ flat[1:]).reshape(core.shape[1:])
+def _with_one(c: NDArray[np.floating]) -> NDArray[np.float32]:
+    weights = np.ones(len(c) + 1, dtype=np.float32)
+    weights[1:] = c
+    return weights

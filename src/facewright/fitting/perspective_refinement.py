@@ -7,16 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from facewright.camera.pinhole import Intrinsics, RigidMotion, pinhole_jacobian, pixel_by_point, rigid_from_weak
+from facewright.camera.pinhole import Intrinsics, RigidMotion, pixel_by_point, rigid_from_weak
 from facewright.camera.rotation import rotation_from_vector
 from facewright.fitting.box_quadratic import minimise_in_box
 from facewright.fitting.coordinate_descent import FitState, Targets
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.landmark_term import landmark_energy, noise_px, robust_weights
-from facewright.fitting.landmark_model import LandmarkModel, expression_matrix, identity_matrix
-from facewright.landmarks.contour import slide_on_outline
+from facewright.fitting.landmark_model import LandmarkModel
+from facewright.fitting.small_algebra import normal_equations, solve_spd
 
-_N_CAMERA = 7  # rotation, translation, logarithm of the focal length
+_N_CAMERA = 7  # rotation, pixel of the face's middle, logarithms of scale and focal length
+#: Contour points tell where the outline runs, not which point of it they are: weight of their residual along it.
+_ALONG_CONTOUR = 0.2
 
 
 @dataclass(frozen=True)
@@ -54,10 +56,9 @@ class PinholeState:
     motion: RigidMotion
     intrinsics: Intrinsics
 
-    @property
-    def scale(self) -> float:
-        """Pixels per millimetre at the model's origin."""
-        return self.intrinsics.focal_x / float(self.motion.translation[2])
+    def scale(self, point: NDArray[np.float64]) -> float:
+        """Pixels per millimetre at a model point (3,)."""
+        return self.intrinsics.focal_x / float(self.motion.apply(point)[2])
 
     def project(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Project model points (..., 3) to pixels (..., 2)."""
@@ -72,6 +73,7 @@ def refine(
     start: FitState,
     image_size: tuple[int, int],
     iterations: int,
+    tolerance: float = 0.05,
 ) -> PinholeState:
     """Minimise landmark term + identity, expression and lens priors over everything at once.
 
@@ -86,35 +88,43 @@ def refine(
     image_size : (height, width)
         The principal point is the picture's centre.
     iterations : int
-        Levenberg-Marquardt steps; the contour's correspondences are refreshed before each.
+        At most so many Levenberg-Marquardt steps; the contour's correspondences are refreshed before each.
+    tolerance : float
+        Stop when a step lowers the energy (a negative log likelihood) by less.
 
     Returns
     -------
     PinholeState
         The fit.
     """
+    w_exp = model.expression(start.beta)
+    centre = model.candidates(start.c, w_exp).mean(axis=0)
     intrinsics = Intrinsics.for_image(image_size, camera_prior.focal_length)
-    centre = expression_matrix(model.core, start.c) @ model.expression(start.beta)
-    motion = rigid_from_weak(start.camera, intrinsics, centre.mean(axis=0))
-    state = PinholeState(start.c, start.beta, motion, intrinsics)
-    damping = 1e-3
+    state = PinholeState(start.c, start.beta, rigid_from_weak(start.camera, intrinsics, centre), intrinsics)
+    damping = 0.0
     for _ in range(iterations):
-        problem = _Problem(model, targets, expression_prior, camera_prior, state)
+        problem = _Problem(model, targets, expression_prior, camera_prior, centre, state)
         energy = problem.energy(state)
         H, g = problem.quadratic(state)
-        for _ in range(4):
+        for _ in range(6):
             trial = problem.step(state, H, g, damping)
-            if trial is not None and problem.energy(trial) < energy:
-                state, damping = trial, damping * 0.2
+            if trial is not None and (lower := problem.energy(trial)) < energy:
                 break
-            damping *= 10.0
+            damping = max(10.0 * damping, 1e-3)
         else:
+            break
+        state, damping = trial, 0.1 * damping if damping > 1e-5 else 0.0
+        if energy - lower < tolerance:
             break
     return state
 
 
 class _Problem:
-    """The energy with the contour's correspondences and the points' noise held still."""
+    """The energy with the contour's correspondences and the points' noise held still.
+
+    The camera moves in terms that the picture determines one by one: rotation about the face's middle m, the
+    pixel of m, the logarithm of the scale f / z there, and the logarithm of f at that scale, which is the weak one.
+    """
 
     def __init__(
         self,
@@ -122,77 +132,98 @@ class _Problem:
         targets: Targets,
         expression_prior: ExpressionPrior,
         camera_prior: CameraPrior,
+        centre: NDArray[np.float64],
         state: PinholeState,
     ) -> None:
-        self.model, self.targets = model, targets
+        self.model, self.targets, self.centre = model, targets, centre
         self.expression_prior, self.camera_prior = expression_prior, camera_prior
-        pixels = state.project(model.outline(state.c, state.beta))
-        chosen = model.strips.outline(pixels, state.motion.rotation)
-        corners = pixels[np.arange(len(chosen)), chosen]
-        self.core = model.with_contour(chosen, slide_on_outline(targets.contour, corners))
-        self.sigma = noise_px(state.scale, targets.noise_mm, targets.confidence)
+        pixels = state.project(model.candidates(state.c, model.expression(state.beta)))
+        self.places = model.place_contour(pixels, state.motion.rotation, targets.contour)
+        self.sigma = noise_px(state.scale(centre), targets.noise_mm, targets.confidence)
+        normal = self.places.normal
+        frames = np.tile(np.eye(2), (len(self.sigma), 1, 1))
+        frames[targets.n_fixed :, 0] = normal
+        frames[targets.n_fixed :, 1] = _ALONG_CONTOUR * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        self.frames = frames
+
+    def residuals(self, state: PinholeState, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (L, 2): for contour points across and, little weighted, along the outline."""
+        return np.einsum("lrc,lc->lr", self.frames, state.project(points) - self.targets.pixels)
 
     def energy(self, state: PinholeState) -> float:
         """Return the whole energy of a state."""
-        points = expression_matrix(self.core, state.c) @ self.model.expression(state.beta)
+        points = self.model.expression_matrix(state.c, self.places) @ self.model.expression(state.beta)
         lens = np.log(state.intrinsics.focal_x / self.camera_prior.focal_length) / self.camera_prior.spread
         return (
-            landmark_energy(state.project(points) - self.targets.pixels, self.sigma)
+            landmark_energy(self.residuals(state, points), self.sigma)
             + 0.5 * float(state.c @ state.c)
             + self.expression_prior.energy(state.beta)
             + 0.5 * float(lens**2)
         )
 
     def quadratic(self, state: PinholeState) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return Gauss-Newton Hessian and gradient in (rotation, translation, log focal, c, beta)."""
+        """Return Gauss-Newton Hessian and gradient in (rotation, pixel, log scale, log focal, c, beta)."""
         K, n_beta = len(state.c), len(state.beta)
         w_exp = self.model.expression(state.beta)
-        A = identity_matrix(self.core, w_exp)
-        B = expression_matrix(self.core, state.c)
+        A = self.model.identity_matrix(w_exp, self.places)
+        B = self.model.expression_matrix(state.c, self.places)
         points = B @ w_exp
+        middle = state.motion.apply(self.centre)
         seen = state.motion.apply(points)
-        residual = state.intrinsics.project(seen) - self.targets.pixels
-        by_model = pixel_by_point(seen, state.intrinsics) @ state.motion.rotation  # (L, 2, 3)
+        by_camera = self.frames @ pixel_by_point(seen, state.intrinsics)  # (L, 2, 3)
+        by_model = by_camera @ state.motion.rotation
         J = np.empty((len(points), 2, _N_CAMERA + K + n_beta))
-        J[:, :, :6] = pinhole_jacobian(seen, seen - state.motion.translation, state.intrinsics)
-        J[:, :, 6] = state.intrinsics.project(seen) - [state.intrinsics.centre_x, state.intrinsics.centre_y]
-        J[:, :, 7 : 7 + K] = by_model @ A[1:].transpose(1, 2, 0)
+        arms = seen - middle
+        J[:, :, 0] = by_camera[:, :, 2] * arms[:, 1, None] - by_camera[:, :, 1] * arms[:, 2, None]
+        J[:, :, 1] = by_camera[:, :, 0] * arms[:, 2, None] - by_camera[:, :, 2] * arms[:, 0, None]
+        J[:, :, 2] = by_camera[:, :, 1] * arms[:, 0, None] - by_camera[:, :, 0] * arms[:, 1, None]
+        J[:, :, 3:5] = by_camera[:, :, :2] / state.scale(self.centre)
+        J[:, :, 5] = -by_camera @ middle
+        from_centre = state.intrinsics.project(seen) - [state.intrinsics.centre_x, state.intrinsics.centre_y]
+        J[:, :, 6] = np.einsum("lrc,lc->lr", self.frames, from_centre) + by_camera[:, :, 2] * middle[2]
+        J[:, :, 7 : 7 + K] = np.einsum("lrx,klx->lrk", by_model, A[1:], optimize=True)
         J[:, :, 7 + K :] = (by_model @ B) @ self.model.mixture.T
+        residual = self.residuals(state, points)
         w = np.repeat(robust_weights(residual, self.sigma), 2)
         flat = J.reshape(-1, J.shape[2])
-        JW = flat.T * w
-        H, g = JW @ flat, JW @ residual.ravel()
+        H, g = normal_equations(flat, w, residual.ravel())
+        self._add_priors(H, g, state)
+        return H, g
+
+    def _add_priors(self, H: NDArray[np.float64], g: NDArray[np.float64], state: PinholeState) -> None:
         spread2 = self.camera_prior.spread**2
         H[6, 6] += 1.0 / spread2
         g[6] += np.log(state.intrinsics.focal_x / self.camera_prior.focal_length) / spread2
-        rows = np.arange(7, 7 + K)
+        rows = np.arange(_N_CAMERA, _N_CAMERA + len(state.c))
         H[rows, rows] += 1.0
         g[rows] += state.c
-        rows = np.arange(7 + K, len(g))
+        rows = np.arange(_N_CAMERA + len(state.c), len(g))
         H[rows, rows] += 1.0 / self.expression_prior.spread**2
         g[rows] += self.expression_prior.gradient(state.beta)
-        return H, g
 
     def step(
         self, state: PinholeState, H: NDArray[np.float64], g: NDArray[np.float64], damping: float
     ) -> PinholeState | None:
-        """Return the state after a damped step with beta kept within [0, 1]; None if it left the camera's front."""
+        """Return the state after a damped step with beta kept within [0, 1]; None if it is absurd."""
         n = _N_CAMERA + len(state.c)
         damped = H + damping * np.diag(np.diag(H))
         # eliminate what has no bounds, minimise over beta in its box, substitute back
-        elimination = np.linalg.solve(damped[:n, :n], np.column_stack([damped[:n, n:], g[:n]]))
+        elimination = solve_spd(damped[:n, :n], np.column_stack([damped[:n, n:], g[:n]]))
         S = damped[n:, n:] - damped[n:, :n] @ elimination[:, :-1]
         slope = g[n:] - damped[n:, :n] @ elimination[:, -1]
         beta = minimise_in_box(S, slope - S @ state.beta, state.beta)
         free = -elimination[:, -1] - elimination[:, :-1] @ (beta - state.beta)
-        translation = state.motion.translation + free[3:6]
-        focal = state.intrinsics.focal_x * float(np.exp(np.clip(free[6], -0.5, 0.5)))
-        if translation[2] <= 10.0 or not np.isfinite(free).all():
+        if not np.isfinite(free).all() or np.abs(free[:3]).max() > 1.0 or np.abs(free[5:7]).max() > 1.0:
             return None
+        middle = state.motion.apply(self.centre)
+        focal = state.intrinsics.focal_x * float(np.exp(free[6]))
+        moved = middle + np.array([*(free[3:5] / state.scale(self.centre)), 0.0])
+        moved *= np.exp(-free[5])
+        moved[2] *= np.exp(free[6])
         rotation = rotation_from_vector(free[:3]) @ state.motion.rotation
         return PinholeState(
-            state.c + free[7:],
+            state.c + free[_N_CAMERA:],
             beta,
-            RigidMotion(rotation, translation),
+            RigidMotion(rotation, moved - rotation @ self.centre),
             replace(state.intrinsics, focal_x=focal, focal_y=focal),
         )

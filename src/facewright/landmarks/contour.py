@@ -109,7 +109,7 @@ def slide_on_outline(points: NDArray[np.floating], outline: NDArray[np.floating]
 
 
 def build_contour_strips(
-    topology: Topology, mean_shape: NDArray[np.floating], n_strips: int = 33, n_nodes: int = 12
+    topology: Topology, mean_shape: NDArray[np.floating], n_strips: int = 27, n_nodes: int = 11
 ) -> ContourStrips:
     """Choose strips of candidate vertices on a face.
 
