@@ -15,7 +15,7 @@ RUN = "from facewright.cli.main import run; run()"
 def small_model(tmp_path_factory):
     """A model file of the built-in face: 4 people, 3 x 6 components."""
     path = tmp_path_factory.mktemp("model") / "face.fwbm"
-    args = ["model", "build", str(path), "--people", "4", "--identities", "3", "--expressions", "6", "--json"]
+    args = ["model", "build", "-o", str(path), "--people", "4", "--identities", "3", "--expressions", "6", "--json"]
     result = CliRunner().invoke(app, args)
     assert result.exit_code == 0, result.output
     return path

@@ -67,7 +67,7 @@ def test_a_face_file_that_is_none(small_model, tmp_path, refused):
         (tmp_path / name).write_bytes(data)
         assert name in refused("faces", "show", tmp_path / name)
     np.savez(tmp_path / "d.npz", other=np.zeros(3))
-    assert "d.npz" in refused("model", "build", tmp_path / "m.fwbm", "--faces", tmp_path / "d.npz")
+    assert "d.npz" in refused("model", "build", "-o", tmp_path / "m.fwbm", "--faces", tmp_path / "d.npz")
     assert not (tmp_path / "m.fwbm").exists()
 
 
@@ -152,7 +152,9 @@ def test_a_full_disk_leaves_nothing_and_keeps_the_old_file(small_disk, small_mod
     (small_disk / "old.glb").write_text("precious")
     for args in (["export", small_disk / "old.glb"], ["export", small_disk / "new.glb"]):
         assert "no space left" in refused(*args)
-    sentence = refused("model", "build", small_disk / "m.fwbm", "--people", 2, "--identities", 2, "--expressions", 4)
+    sentence = refused(
+        "model", "build", "-o", small_disk / "m.fwbm", "--people", 2, "--identities", 2, "--expressions", 4
+    )
     assert "no space left" in sentence
     assert "no space left" in refused("model", "explore", small_model, "--out", small_disk / "m.png")
     assert [p.name for p in small_disk.iterdir()] == ["old.glb"]
@@ -176,14 +178,14 @@ def test_a_limit_on_file_size_is_told_like_a_full_disk(command, tmp_path):
 def test_a_folder_that_must_not_be_written(tmp_path, refused):
     (tmp_path / "file").write_text("x")
     assert "file" in refused("export", tmp_path / "file" / "a.glb")
-    assert "file" in refused("model", "build", tmp_path / "file" / "m.fwbm")
+    assert "file" in refused("model", "build", "-o", tmp_path / "file" / "m.fwbm")
     assert "file" in refused("export", tmp_path / "file")
     (tmp_path / "folder.glb").mkdir()
     assert "folder" in refused("export", tmp_path / "folder.glb")
 
 
 def test_ctrl_c_ends_in_one_sentence_with_nothing_left(command, tmp_path):
-    args = command("model", "build", tmp_path / "m.fwbm", "--people", 400)
+    args = command("model", "build", "-o", tmp_path / "m.fwbm", "--people", 400)
     process = subprocess.Popen(args, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         deadline = time.monotonic() + 60

@@ -46,10 +46,12 @@ def install(
       facewright faces install ict
       facewright faces install ict --from ICT-FaceKit.zip
     """
-    from facewright.faces.install import install_face
+    from facewright.faces.install import install_ict
+    from facewright.numeric.check import check_choice
 
+    check_choice("face to install", name, ("ict",))
     with progress_bar(as_json) as progress:
-        path = install_face(name, source=source, progress=progress)
+        path = install_ict(source, progress)
     finish({"face": name, "path": path}, as_json, lambda: say(f"Installed {name} in {path}."))
 
 

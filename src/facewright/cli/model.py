@@ -15,7 +15,7 @@ ModelArgument = Annotated[Path, typer.Argument(help="A model file, as `facewrigh
 
 @app.command("build")
 def build(
-    out: Annotated[Path, typer.Argument(help="Model file to write, such as face.fwbm.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")] = Path("face.fwbm"),
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
     people: Annotated[int, typer.Option(help="Simulated people.", min=2)] = 150,
     identities: Annotated[int, typer.Option(help="Identity components kept.", min=1)] = 50,
@@ -28,9 +28,9 @@ def build(
 
     \b
     Examples:
-      facewright model build face.fwbm
-      facewright model build small.fwbm --people 40 --identities 20 --expressions 15
-      facewright model build ict.fwbm --faces ict --skin
+      facewright model build
+      facewright model build -o small.fwbm --people 40 --identities 20 --expressions 15
+      facewright model build -o ict.fwbm --faces ict --skin
     """
     from facewright.apps.build_model import BuildModelRequest, build_model
 
