@@ -121,6 +121,10 @@ def main() -> int:
         text = page.read_text(encoding="utf-8")
         found = check_links(page, text) + check_names(text) + check_commands(text, verbs) + check_foreign(text)
         faults += [f"{page.relative_to(ROOT)} {fault}" for fault in found]
+    for folder in ("src", "examples", "benchmarks"):
+        for file in sorted((ROOT / folder).rglob("*.py")):
+            found = check_foreign(file.read_text(encoding="utf-8"))
+            faults += [f"{file.relative_to(ROOT)} {fault}" for fault in found]
     cli = ROOT / "docs" / "cli.md"
     if not cli.is_file() or cli.read_text(encoding="utf-8") != make_cli_docs.make_page():
         faults.append("docs/cli.md must match the commands: run tools/make_cli_docs.py")
