@@ -16,6 +16,7 @@ from facewright.fitting.coordinate_descent import Targets, descend, start_state
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.identity_prior import IdentityPrior
 from facewright.fitting.landmark_model import LandmarkModel
+from facewright.fitting.mesh_synthesis import MeshSynthesiser
 from facewright.fitting.perspective_refinement import CameraPrior, refine
 from facewright.landmarks.points import Landmarks, interocular_distance
 from facewright.landmarks.scheme import load_scheme
@@ -91,6 +92,8 @@ class PhotoFit:
         Where the fit has these landmarks; NaN for points that the mesh does not mark.
     image_size : (height, width)
         Size of the picture.
+    vertices : ndarray of shape (V, 3), float32, millimetres
+        The fitted face in model space: eq. (10), to within `MeshSynthesiser`'s tolerance.
     """
 
     model: BilinearModel
@@ -103,11 +106,7 @@ class PhotoFit:
     landmarks: Landmarks
     reprojection: NDArray[np.float64]
     image_size: tuple[int, int]
-
-    @cached_property
-    def vertices(self) -> NDArray[np.float32]:
-        """The fitted face (V, 3), model space, millimetres: eq. (10)."""
-        return self.model.synthesise(self.identity_weights, self.expression_weights)
+    vertices: NDArray[np.float32]
 
     @cached_property
     def rig(self) -> BlendshapeRig:
@@ -174,6 +173,7 @@ class PhotoFitter:
         self.scheme = load_scheme(scheme)
         self._prior = IdentityPrior.of(model)
         self._landmark_model = LandmarkModel.of(model, self.scheme, self._prior)
+        self._synthesiser = MeshSynthesiser(model)
 
     def fit(
         self, landmarks: Landmarks, image_size: tuple[int, int], options: PhotoFitOptions | None = None
@@ -218,10 +218,11 @@ class PhotoFitter:
                 small, targets, prior, _camera_prior(options, image_size), state, image_size, options.refinements
             )
             intrinsics, motion, c, beta = fine.intrinsics, fine.motion, fine.c, fine.beta
+        w_id, w_exp = self._prior.weights(c), small.expression(beta)
         fit = PhotoFit(
             model=self.model,
-            identity_weights=self._prior.weights(c),
-            expression_weights=small.expression(beta),
+            identity_weights=w_id,
+            expression_weights=w_exp,
             blendshape_weights=beta,
             weak_camera=state.camera,
             intrinsics=intrinsics,
@@ -229,6 +230,7 @@ class PhotoFitter:
             landmarks=found,
             reprojection=np.empty((0, 2)),
             image_size=image_size,
+            vertices=self._synthesiser.vertices(w_id, w_exp),
         )
         return self._with_reprojection(fit, c, beta, targets, order)
 

@@ -18,6 +18,14 @@ class LandmarkDetector(Protocol):
         """Return the landmarks of every face in an sRGB picture (H, W, 3), the largest face first."""
         ...
 
+    def __enter__(self) -> LandmarkDetector:
+        """Return the detector."""
+        ...
+
+    def __exit__(self, *error: object) -> None:
+        """Free what it holds."""
+        ...
+
 
 def open_detector(task_file: str | Path | None = None, max_faces: int = 8) -> LandmarkDetector:
     """Return the default detector, MediaPipe.
