@@ -30,7 +30,7 @@ def test_training_people_get_their_own_weights(model):
 
 
 def test_unseen_mesh_reaches_what_alternation_reaches(model, tensor_maker):
-    """Gauss-Newton from three alternations is at least as near as 300 alternations of dense least squares."""
+    """Newton from three alternations is at least as near as 300 alternations of dense least squares."""
     target = tensor_maker(np.random.default_rng(7), n_people=17)[16, 5]
     fit = BilinearProjector(model).fit(target)
     _, _, errors = reference.project_by_alternation(model.core, target, model.identity_mean, model.expression_mean, 300)

@@ -1,4 +1,4 @@
-"""Fit the bilinear model to meshes of its own topology: alternating least squares with priors, then Gauss-Newton."""
+"""Fit the bilinear model to meshes of its own topology: alternating least squares with priors, then Newton."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ class BilinearProjector:
     Notes
     -----
     FaceWarehouse 3.3, Fig. 4, does not say how it fits; alternating least squares is Vlasic et al. (2005). Three
-    alternations, each half a linear solve, find the basin; Gauss-Newton on both together converges in a few steps where
-    alternation creeps along the valley between a wide mouth and a wide smile.
+    alternations, each half a linear solve, find the basin; damped Newton steps on both together converge in a few
+    iterations where alternation creeps along the valley between a wide mouth and a wide smile.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class BilinearProjector:
         start : (w_id, w_exp), optional
             Where to start; the prior's mean by default.
         max_iterations : int
-            Limit of Gauss-Newton steps.
+            Limit of Newton steps.
         tolerance_mm : float
             Stop when a step moves the face by less than this, RMS.
 
@@ -206,20 +206,23 @@ class _Problem:
         return float(energy), (self.slope - pull).reshape(len(w_id), -1)
 
     def step(self, *, identity: bool, expression: bool) -> float:
-        """Take one damped Gauss-Newton step in one or both blocks; return how far it moves the face, sqrt(sum mm^2)."""
+        """Take one damped Newton step in one or both blocks; return how far it moves the face, sqrt(sum mm^2)."""
         I = len(self.w_id)
         tangent = self.projector._tangent
-        matrix, rhs = self._normal_equations()
-        active = np.r_[np.full(I, identity), np.full(len(rhs) - I, expression)]
-        data = matrix[np.ix_(active, active)]
-        ridge = np.zeros_like(matrix)
+        data, curvature, rhs = self._normal_equations()
+        ridge = np.zeros_like(data)
         ridge[:I, :I] = self.prior_id + self.floor_id
         ridge[I:, I:] = self.prior_exp + self.floor_exp
-        ridge = ridge[np.ix_(active, active)]
+        active = np.r_[np.full(I, identity), np.full(len(rhs) - I, expression)]
+        block = np.ix_(active, active)
+        data, ridge = data[block], ridge[block]
+        # Newton's matrix where it is positive definite: with a large residual, Gauss-Newton only creeps.
+        hessian = data + ridge - curvature[block]
+        if not _is_positive_definite(hessian):
+            hessian = data + ridge
         for _ in range(12):
-            damped = data + ridge + self.damping * np.diag(np.diag(data))
             x = np.zeros_like(rhs)
-            x[active] = _solve(damped, rhs[active])
+            x[active] = _solve(hessian + self.damping * np.diag(np.diag(data)), rhs[active])
             w_id, w_exp = self.w_id + x[:I], self.w_exp + tangent @ x[I:]
             energy = self._energy(w_id, w_exp)[0]
             moved = float(np.sqrt(max(x[active] @ data @ x[active], 0.0)))
@@ -230,8 +233,8 @@ class _Problem:
             self.damping = max(10 * self.damping, 1e-4)
         return 0.0  # no descent left within rounding
 
-    def _normal_equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return J^T J of the data and the right-hand side with priors, for (w_id, y)."""
+    def _normal_equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return J^T J of the data, the residual's own curvature and the right-hand side, for (w_id, y)."""
         model, tangent = self.projector.model, self.projector._tangent
         I, E = len(self.w_id), len(self.w_exp)
         by_identity = (self.w_id @ self.gram.reshape(I, -1)).reshape(E, I, E)  # [e, i', e'], summed over i
@@ -244,7 +247,10 @@ class _Problem:
         y = tangent.T @ (self.w_exp - model.expression_mean)
         rhs_id = pull @ self.w_exp - self.prior_id @ d
         rhs_exp = tangent.T @ (self.w_id @ pull) - self.prior_exp @ y
-        return matrix, np.concatenate([rhs_id, rhs_exp])
+        # The face is bilinear, so its second derivative is the core itself and only couples w_id with w_exp.
+        mixed = pull @ tangent
+        curvature = np.block([[np.zeros((I, I)), mixed], [mixed.T, np.zeros((E - 1, E - 1))]])
+        return matrix, curvature, np.concatenate([rhs_id, rhs_exp])
 
 
 def gram_of_rows(rows: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -255,6 +261,15 @@ def gram_of_rows(rows: NDArray[np.float32]) -> NDArray[np.float64]:
         block: NDArray[Any] = rows[:, start : start + _COLUMNS].astype(dtype, copy=False)
         gram += block @ block.T
     return gram
+
+
+def _is_positive_definite(matrix: NDArray[np.float64]) -> bool:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    try:
+        np.linalg.cholesky(matrix * scale * scale[:, None])
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _solve(matrix: NDArray[np.float64], rhs: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -63,9 +63,9 @@ def nmode_svd(
     Parameters
     ----------
     tensor : array_like of shape (N, S, V, 3), or iterable of arrays of shape (N, S, v, 3)
-        An ndarray, a ``numpy.memmap``, anything with ``shape`` that gives ``tensor[:, :, a:b]``, or an iterable over
-        consecutive vertex blocks that can be walked twice (a list, or an object with ``__iter__``; not a generator).
-        Not modified. Values in millimetres.
+        An ndarray, a ``numpy.memmap``, a `TensorFile`, anything with ``shape`` that gives ``tensor[:, :, a:b]``, or
+        an iterable over consecutive vertex blocks that can be walked twice (a list, or an object with ``__iter__``;
+        not a generator). Not modified. Values in millimetres.
     n_identity, n_expression : int
         I <= N and E <= S, components to keep.
     order : {"identity", "expression"}
@@ -169,7 +169,6 @@ class _Sliced(_Source):
         for start in range(0, self.n_vertices, step):
             stop = min(start + step, self.n_vertices)
             block = np.array(self.array[:, :, start:stop], dtype=wanted, order="C")
-            _forget_pages(self.array)
             yield slice(3 * start, 3 * stop), block.reshape(self.n_people, self.n_shapes, -1)
 
 
@@ -226,15 +225,6 @@ def _check_tensor_shape(name: str, shape: tuple[int, ...]) -> None:
 
 def _columns_per_block(bytes_per_column: int, block_mb: float) -> int:
     return max(1, int(block_mb * 1e6 / bytes_per_column))
-
-
-def _forget_pages(array: Any) -> None:
-    """Let the system drop the pages of a read-only memory map, so that a pass over it does not grow resident memory."""
-    mapped = getattr(array, "_mmap", None)
-    if mapped is not None and getattr(array, "mode", None) == "r" and hasattr(mapped, "madvise"):
-        import mmap
-
-        mapped.madvise(mmap.MADV_DONTNEED)
 
 
 # --- arithmetic --------------------------------------------------------------------------------------------------
