@@ -80,12 +80,15 @@ def weight_energies(
         Noise and deviations.
     """
     B, V = deltas.shape[:2]
-    flat = deltas.reshape(B, -1)
-    variance = prior.shape_spread**2 / 3.0 * (guide**2 @ (deltas**2).sum(axis=2)) + prior.surface_noise_mm**2
+    flat = np.ascontiguousarray(deltas).reshape(B, -1)
+    weighted = np.zeros_like(flat)
+    variance = (
+        prior.shape_spread**2 / 3.0 * (guide**2 @ np.einsum("bvx,bvx->bv", deltas, deltas)) + prior.surface_noise_mm**2
+    )
     precision = prior.independent_points / V / variance
     H, c = np.zeros((len(guide), B, B)), np.zeros((len(guide), B))
     for j in range(len(guide)):
-        weighted = (deltas * precision[j][:, None]).reshape(B, -1)
+        np.multiply(flat, np.repeat(precision[j], 3), out=weighted)
         H[j] = weighted @ flat.T
         c[j] = weighted @ displacements[j].ravel()
     return H, c

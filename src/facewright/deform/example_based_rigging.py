@@ -59,8 +59,8 @@ class RigFitter:
 
     .. math:: \min_M \sum_j \|M_j^S - \sum_i \alpha_{ij} M_i\|^2 + \beta \sum_i w_i \|M_i - M_i^*\|^2,
 
-    with :math:`w_i = ((1 + |M_i^A|) / (\kappa + |M_i^A|))^\theta`, then one Poisson reconstruction per blendshape with a
-    shared factor. *Weights*: per pose, bounded least squares near the guide's weights.
+    with :math:`w_i = ((1 + |M_i^A|) / (\kappa + |M_i^A|))^\theta`, then one Poisson reconstruction per blendshape
+    with a shared factor. *Weights*: per pose, bounded least squares near the guide's weights.
 
     Differs from the paper: M holds the two tangential columns of the gradient (the third does not reach the vertices);
     :math:`M_i^*` is the generic gradient times the amplitude estimated for the shape, which also fixes the scale that
@@ -248,10 +248,10 @@ class RigFitter:
         B, V, _ = reference.shape
         rows = gradients.reshape(-1, B, 2, 3).transpose(0, 2, 1, 3).reshape(-1, B * 3)
         X = self._solver.solve(self._divergence @ rows).reshape(V, B, 3).transpose(1, 0, 2)
-        weights = 1.0 / ((reference**2).sum(axis=2) + _STILL_MM**2)  # (B, V)
+        weights = 1.0 / (np.einsum("bvx,bvx->bv", reference, reference) + _STILL_MM**2)  # (B, V)
         error = ((reference - X) * weights[:, :, None]).transpose(1, 0, 2).reshape(V, B * 3)
         shift = (self._members @ error).reshape(-1, B, 3) / (self._members @ weights.T)[:, :, None]
-        return X + shift[self._labels].transpose(1, 0, 2)
+        return np.ascontiguousarray(X) + shift[self._labels].transpose(1, 0, 2)
 
 
 def fit_rig(

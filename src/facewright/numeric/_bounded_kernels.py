@@ -11,7 +11,8 @@ def minimise_in_box(H, C, lower, upper, X, max_iterations, tolerance):  # type: 
     """Overwrite X (K, N) by the minimisers of x'H_k x / 2 - c_k'x in the boxes; return how many did not converge.
 
     H (1 or K, N, N); C, lower, upper (K, N). Converged: every projected gradient entry is below tolerance times the
-    scale of its row of H and c. Newton step on the free variables with a search along the projected path, else a sweep of coordinate descent.
+    scale of its row of H and c. Newton step on the free variables with a search along the projected path, else a
+    sweep of coordinate descent.
     """
     K, N = C.shape
     g, d, trial = np.zeros(N), np.zeros(N), np.zeros(N)
