@@ -96,6 +96,10 @@ class Appearance:
 class PixelSamples(Protocol):
     """What pixels see of a mesh; `facewright.imaging.rasterise.Fragments` is one."""
 
+    @property
+    def covered(self) -> NDArray[np.bool_]:
+        """Pixels that see the mesh, shape (H, W)."""
+
     def interpolate(self, faces: NDArray[np.integer], attributes: NDArray[np.floating]) -> NDArray[np.float32]:
         """Interpolate vertex attributes (V, C) to (H, W, C)."""
 
@@ -167,7 +171,9 @@ def albedo_function(face: Face, appearance: Appearance, faces: NDArray[np.intege
 
     def albedo(samples: PixelSamples) -> NDArray[np.float32]:
         values = samples.interpolate(faces, paint.attributes)
-        return _paint(paint, values.reshape(-1, values.shape[-1]), appearance).reshape(*values.shape[:-1], 3)
+        colours = np.zeros((*values.shape[:-1], 3), dtype=np.float32)
+        colours[samples.covered] = _paint(paint, values[samples.covered], appearance)
+        return colours
 
     return albedo
 
@@ -189,32 +195,40 @@ def _paint_map(face: Face) -> PaintMap:
 def _paint(paint: PaintMap, values: NDArray[np.floating], look: Appearance) -> NDArray[np.float32]:
     """Return the sRGB colour (N, 3) at samples of the attributes (N, C)."""
     a = paint.columns(values)
-    x, y = np.abs(a["position"][:, 0]), a["position"][:, 1]
-    # Skin: mottling, flush, scalp.
-    waves = np.sin(a["position"] @ look.grain[:3] + look.grain[3])
-    skin = look.skin * (1.0 + waves @ look.grain[4:].T)
-    skin = skin * (1.0 - 0.10 * look.flush * a["flush"][:, None] * np.array([0.0, 1.0, 0.9]))
-    skin = skin * (1.0 - 0.12 * a["eye_shade"][:, None])
-    skin = _over(skin, look.hair, look.hair_density * _smoothstep(a["scalp"], 0.35, 0.75))
-    # Brows: a band along their middle curve, with hairs.
-    along, across = paint.brow_coordinates(x, y, look.brow_arch_mm, look.brow_thickness)
-    hairs = 0.8 + 0.2 * np.sin(2.6 * x + 1.8 * np.abs(across) * paint.brow_width_mm + 1.7 * y)
-    band = (
-        _smoothstep(1.25 - np.abs(across), 0.0, 0.5)
-        * _smoothstep(along, 0.0, 0.06)
-        * _smoothstep(1.0 - along, 0.0, 0.12)
-    )
-    skin = _over(skin, look.brows, look.brow_density * band * hairs * a["front"])
-    # Lips and lash lines.
-    skin = _over(skin, look.lips, 0.9 * _smoothstep(a["lips"], 0.35, 0.65))
-    skin = _over(skin, 0.25 * look.brows, 0.85 * np.exp(-((a["lash"] / 0.9) ** 2)))
-    colour = _over(skin, look.skin * np.array([0.95, 0.72, 0.70]), a["lid_margin"] * 0.6)
+    grain = look.grain.astype(np.float32)
+    # Skin: mottling, flush, shaded eye sockets.
+    waves = np.sin(a["position"] @ grain[:3] + grain[3])
+    colour = look.skin.astype(np.float32) * (1.0 + waves @ grain[4:].T)
+    colour[:, 1] *= 1.0 - 0.10 * look.flush * a["flush"]
+    colour[:, 2] *= 1.0 - 0.09 * look.flush * a["flush"]
+    colour *= (1.0 - 0.12 * a["eye_shade"])[:, None]
+    # Layers over it, each only where it is seen.
+    _lay(colour, look.hair, look.hair_density * _smoothstep(a["scalp"], 0.35, 0.75))
+    _lay(colour, look.brows, _brow_opacity(a, paint, look))
+    _lay(colour, look.lips, 0.9 * _smoothstep(a["lips"], 0.35, 0.65))
+    _lay(colour, 0.25 * look.brows, 0.85 * np.exp(-((a["lash"] / 0.9) ** 2)))
+    _lay(colour, look.skin * np.array([0.95, 0.72, 0.70]), 0.6 * a["lid_margin"])
     for name, tone in (("teeth", _TEETH), ("flesh", _FLESH), ("cavity", _CAVITY)):
-        colour = _over(colour, tone, a[name])
-    colour = colour * (1.0 - 0.75 * a["depth_in_mouth"][:, None])
-    return np.clip(_over(colour, _eyeball(a, paint, look), _smoothstep(a["eye"], 0.45, 0.55)), 0.0, 1.0).astype(
-        np.float32
-    )
+        _lay(colour, tone, a[name])
+    colour *= (1.0 - 0.75 * a["depth_in_mouth"])[:, None]
+    eye = np.flatnonzero(a["eye"] > 0.45)
+    if len(eye):
+        ball = _eyeball({name: column[eye] for name, column in a.items()}, paint, look)
+        colour[eye] = _over(colour[eye], ball, _smoothstep(a["eye"][eye], 0.45, 0.55))
+    return np.clip(colour, 0.0, 1.0).astype(np.float32)
+
+
+def _brow_opacity(a: dict[str, NDArray], paint: PaintMap, look: Appearance) -> NDArray[np.float64]:
+    """Return the opacity (N,) of the brows: a band along their middle curve, with hairs."""
+    x, y = np.abs(a["position"][:, 0]), a["position"][:, 1]
+    along, across = paint.brow_coordinates(x, y, look.brow_arch_mm, look.brow_thickness)
+    near = np.flatnonzero((np.abs(across) < 1.25) & (along > 0.0) & (along < 1.0) & (a["front"] > 0.0))
+    x, y, along, across = x[near], y[near], along[near], np.abs(across[near])
+    hairs = 0.8 + 0.2 * np.sin(2.6 * x + 1.8 * across * paint.brow_width_mm + 1.7 * y)
+    ends = _smoothstep(along, 0.0, 0.06) * _smoothstep(1.0 - along, 0.0, 0.12)
+    opacity = np.zeros(len(a["front"]))
+    opacity[near] = look.brow_density * _smoothstep(1.25 - across, 0.0, 0.5) * ends * hairs * a["front"][near]
+    return opacity
 
 
 def _eyeball(a: dict[str, NDArray], paint: PaintMap, look: Appearance) -> NDArray[np.float64]:
@@ -235,6 +249,12 @@ def _eyeball(a: dict[str, NDArray], paint: PaintMap, look: Appearance) -> NDArra
 def _background(rng: np.random.Generator) -> tuple[int, int, int]:
     red, green, blue = np.clip(rng.uniform(50, 235) + rng.normal(0, 18, 3), 0, 255)
     return int(red), int(green), int(blue)
+
+
+def _lay(colour: NDArray[np.float32], tone: NDArray, opacity: NDArray) -> None:
+    """Paint `tone` over the rows of `colour` (N, 3) where it is not quite transparent, in place."""
+    rows = np.flatnonzero(opacity > 0.004)
+    colour[rows] = _over(colour[rows], tone, opacity[rows])
 
 
 def _over(base: NDArray, colour: NDArray, alpha: NDArray) -> NDArray[np.float64]:

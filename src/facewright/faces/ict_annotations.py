@@ -190,7 +190,7 @@ class IctAnnotator:
         chin = narrow & ~used & (skin[:, 1] < mouth_low) & (skin[:, 2] > p[7, 2] - 25.0) & (side < p[60, 0])
         result["chin"] = _ids(chin)
         cheek = narrow & ~used & ~chin & (skin[:, 1] < lid_low) & (skin[:, 1] > mouth_low) & (side > alar)
-        result["cheek_left"], result["cheek_right"] = _ids(cheek & (skin[:, 0] > 0)), _ids(cheek & (skin[:, 0] < 0))
+        result["cheeks_left"], result["cheeks_right"] = _ids(cheek & (skin[:, 0] > 0)), _ids(cheek & (skin[:, 0] < 0))
         return result
 
     def _mirrored(self, ids: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -138,12 +138,14 @@ def _neutral_arrays(members: Members) -> dict[str, NDArray]:
 def _positions(content: bytes, where: str) -> NDArray[np.float64]:
     """Return the positions of an OBJ file; the topology is known, and five times faster not read again."""
     rows = [line[2:].split()[:3] for line in content.split(b"\n") if line.startswith(b"v ")]
+    if len(rows) != N_VERTICES:
+        raise FileFormatError(f"{where} must have {N_VERTICES} vertices, got {len(rows)}.")
     try:
         positions = np.array(rows, dtype=np.float64)
     except ValueError as error:
         raise FileFormatError(f"{where} must have lines 'v x y z', got {error}.") from error
     if positions.shape != (N_VERTICES, 3) or not np.isfinite(positions).all():
-        raise FileFormatError(f"{where} must have {N_VERTICES} finite vertices, got {len(rows)}.")
+        raise FileFormatError(f"{where} must have finite vertices x y z, got {positions.shape[1:]} or NaN.")
     return positions
 
 

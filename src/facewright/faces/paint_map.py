@@ -52,10 +52,10 @@ class PaintMap:
         """Mean half width of the brow."""
         return float(self.brow[2].mean())
 
-    def columns(self, values: NDArray[np.floating]) -> dict[str, NDArray[np.float64]]:
+    def columns(self, values: NDArray[np.floating]) -> dict[str, NDArray]:
         """Split samples (N, C) of the attributes into ``position`` (N, 3) and channels (N,)."""
-        values = np.asarray(values, dtype=np.float64)
-        return {"position": values[:, :3]} | {name: values[:, 3 + i] for i, name in enumerate(_CHANNELS)}
+        values = np.ascontiguousarray(np.asarray(values, dtype=np.float32).T)
+        return {"position": values[:3].T} | {name: values[3 + i] for i, name in enumerate(_CHANNELS)}
 
     def brow_coordinates(
         self, x: NDArray, y: NDArray, arch_mm: float, thickness: float

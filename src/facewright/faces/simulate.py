@@ -289,7 +289,10 @@ class _Simulator:
                 if shape in names:
                     i = names.index(shape)
                     closed = push_outside(rest[lid] + deltas[i, lid], rest[ball] + deltas[i, ball])
-                    deltas[i, lid] = closed - rest[lid]
+                    # Not at the corners of the eye, which hardly move and may touch the eyeball at rest.
+                    size = np.linalg.norm(deltas[i, lid], axis=1, keepdims=True)
+                    share = np.clip(3.0 * size / size.max() - 0.6, 0.0, 1.0)
+                    deltas[i, lid] += share * (closed - rest[lid] - deltas[i, lid])
 
 
 def _rms(fields: NDArray[np.floating]) -> NDArray[np.float64]:
