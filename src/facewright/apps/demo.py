@@ -114,7 +114,7 @@ def run_demo(out: Path, seed: int = 0, progress: Progress | None = None) -> Demo
     if not faces:
         raise NoFaceError("the demo's portrait must show a face, the detector found none.")
     built = build_model(
-        BuildModelRequest(out / "model.fwm", "builtin", N_PEOPLE, N_IDENTITY, N_EXPRESSION, seed, n_unseen=0), progress
+        BuildModelRequest(out / "model.fwbm", "builtin", N_PEOPLE, N_IDENTITY, N_EXPRESSION, seed, n_unseen=0), progress
     )
     face, model = load_face("builtin"), built.model
     unseen_rms, mean_rms = _unseen_errors(model, face, seed, progress)
@@ -265,7 +265,7 @@ def _write_page(out: Path, result: DemoResult, model: BilinearModel, fit: PhotoF
     files = [
         ("person.glb", "the person as a rig with 46 morph targets, photo texture and a short animation: Blender, "
          "Unity, Unreal, three.js and others open it"),
-        ("model.fwm", "the bilinear model: facewright fit PHOTO --model model.fwm"),
+        ("model.fwbm", "the bilinear model: facewright fit PHOTO --model model.fwbm"),
     ]  # fmt: skip
     write_demo_page(
         out,
