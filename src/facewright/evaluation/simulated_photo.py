@@ -80,7 +80,7 @@ def simulate_photo(face: Face, rng: np.random.Generator) -> SimulatedPhoto:
     person = simulate_person(face, rng)
     weights = random_expression_weights(rng, 1)[0]
     vertices = person.pose(weights)
-    height, width = IMAGE_SIZE
+    height = IMAGE_SIZE[0]
     distance = float(np.exp(rng.uniform(*np.log(DISTANCE_MM))))
     focal = float(rng.uniform(*HEAD_SHARE)) * height / _HEAD_MM * distance
     intrinsics = Intrinsics.for_image(IMAGE_SIZE, focal)

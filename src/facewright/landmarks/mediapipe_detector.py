@@ -61,6 +61,11 @@ class MediaPipeDetector:
             else:
                 self._look = self._open_face_mesh(mediapipe, max_faces, min_confidence)
             self._finder = self._open_finder(mediapipe, min_confidence)
+            # its threads greet the log when they first work: let them do it unheard
+            blank = np.zeros((_LOOK_SIZE, _LOOK_SIZE, 3), np.uint8)
+            self._look(blank)
+            if self._finder:
+                self._finder(blank)
         self.max_faces = max_faces
 
     def detect(self, image: NDArray[np.uint8]) -> list[Landmarks]:
