@@ -15,7 +15,7 @@ from facewright.faces.builtin_mesh import ControlMesh
 
 DATA = Path(__file__).parents[1] / "src/facewright"
 NOSE = {"N0", "N1", "N2", "N3", "N4", "N5", "D0", "D1", "D2", "D3", "S2", "A0", "A1", "A2", "T", "AL1", "AL2", "AL3",
-        "P1", "Q0", "Q1", "Q2", "Q3", "Q4", "Q5", "pit"}  # fmt: skip
+        "P1", "Q0", "Q1", "Q2", "Q3", "Q4", "Q5", "q0", "q1", "q2", "q3", "q4", "q5", "pit"}  # fmt: skip
 CHEEK = {"F1", "F2", "F3", "F4", "F5", "A2", "G3", "G4", "G5", "X", "K0", "K1", "K2", "I5", "I2", "K3", "I3", "T5", "H5"}
 CHIN = {"M4L0", "M4L1", "M4L2", "K5", "K6", "K7", "J4", "J5", "J6"}
 
@@ -69,7 +69,7 @@ class Annotator:
         for name, ids in sided.items():
             out[f"{name}_left"], out[f"{name}_right"] = ids, self.mirrored(ids)
         out["nose"] = self.by_names(NOSE)
-        out["nostrils"] = self.inside(self.patch == "nostril")
+        out["nostrils"] = self.inside(np.isin(self.patch, ["nostril", "nostril_floor"]))
         out["chin"] = self.by_names(CHIN)
         out["ears"] = self.inside(self.patch == "ear")
         brows = np.union1d(out["brow_left"], out["brow_right"])
@@ -126,7 +126,7 @@ class Annotator:
         return out
 
     def _fw74(self) -> np.ndarray:
-        vertices = json.loads((DATA / "faces/data/ict_fw74.json").read_text())["vertices"]
+        vertices = json.loads((DATA / "faces/data/ict_landmarks.json").read_text())["fw74"]
         mirror = np.array(json.loads((DATA / "landmarks/data/fw74.json").read_text())["mirror"])
         groups = {"eye": [*range(27, 43)], "outer_mouth": [*range(54, 66)], "inner_mouth": [*range(66, 74)]}
         return self._place(np.array(vertices), groups, mirror)

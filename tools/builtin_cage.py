@@ -41,8 +41,9 @@ MB 500,188  BR0 560,190  BR3 632,182  BR4 692,184  BR5 748,200
 GL 500,238  GLd 538,238  N0 500,278  D0 533,280  N1 500,318  D1 535,320  N2 500,355  D2 535,358
 N3 500,388  D3 531,392  N4 500,422  T 526,411  N5 500,457
 S2 566,350  A0 562,383  A1 590,382  A2 603,425  AL1 560,405  AL2 583,413  AL3 575,450  P1 540,459.5
-Q0 519,447  Q1 526,429  Q2 543,424  Q3 560,434  Q4 556,449  Q5 536,453
-pit 542.5,441
+Q0 520.5,446  Q1 527,430  Q2 543,425.5  Q3 558.5,434  Q4 553.5,447  Q5 535,451.5
+q0 533.1,443.3  q1 535.7,436.9  q2 542.1,435.1  q3 548.3,438.5  q4 546.3,443.7  q5 538.9,445.5
+pit 541.7,441.6
 F1 597,347  F2 628,364  F3 664,369  F4 706,354  F5 748,322  F6 770,268
 G3 652,428  G4 708,430  G5 775,408  X 618,458  K0 638,487  K1 671,510  K2 698,556  I5 768,490  I2 757,560
 K3 684,620  I3 732,632  K4 637,668  I4 669,692  K5 583,700  K6 541,705  K7 500,706
@@ -63,9 +64,8 @@ NECK_HEIGHTS = {"": {"W": -40, "X5": -41, "X4": -43, "X3": -45, "X2": -46, "X1":
                 "n": {"W": -74, "X5": -78, "X4": -81, "X3": -83, "X2": -84, "X1": -85, "X0": -85},
                 "e": {"J6": -126, "J5": -126, "J4": -125, "J3": -123, "J2": -119, "W": -114, "X5": -111, "X4": -110, "X3": -110,
                       "X2": -111, "X1": -112, "X0": -112}}  # fmt: skip
-CAVITY = {
-    "V1": "0,-8,101 9,-8,99 17,-8,94 24,-9,87 30,-16,80 33,-33,78 30,-50,79 24,-57,85 17,-58,92 9,-58,97 0,-58,99",
-    "V2": "0,-8,45 10,-8,45 20,-9,46 28,-12,47 33,-20,48 34,-33,48 33,-46,48 28,-54,47 20,-57,46 10,-58,45 0,-58,45",
+CAVITY = {  # the rim of the throat; the walls run from the lips straight past the teeth
+    "V1": "0,-5,44 12,-5,44 24,-6,45 34,-10,46 40,-20,47 42,-33,48 40,-46,47 34,-56,46 24,-60,45 12,-61,44 0,-61,44",
 }
 FACE_QUADS = """
 MB BR0 GLd GL; BR0 R3E2 R3E1 GLd; BR0 BR3 R3E3 R3E2; BR3 BR4 R3E4 R3E3; BR4 BR5 R3E5 R3E4; BR5 F6 R3E6 R3E5
@@ -80,8 +80,9 @@ N5 P1 M4U1 M4U0; P1 AL3 M4U2 M4U1; AL3 A2 X M4U2; M4U2 X K0 M4U3; M4U3 K0 K1 M4U
 M4C K2 K3 M4L4; M4L4 K3 K4 M4L3; M4L3 K4 K5 M4L2; M4L2 K5 K6 M4L1; M4L1 K6 K7 M4L0
 """
 NOSTRIL_QUADS = """
-Q0 Q1 Q2 pit; Q2 Q3 Q4 pit; Q4 Q5 Q0 pit
+Q0 Q1 q1 q0; Q1 Q2 q2 q1; Q2 Q3 q3 q2; Q3 Q4 q4 q3; Q4 Q5 q5 q4; Q5 Q0 q0 q5
 """
+NOSTRIL_FLOOR = "q0 q1 q2 pit; q2 q3 q4 pit; q4 q5 q0 pit"
 SIDE_QUADS = """
 TB b0 b11 T6; T6 b11 b10 T5; T5 b10 b9 H5; H5 b9 b8 J1; J1 b8 W J2; b8 b7 X5 W; b7 b6 s6_5 X5
 """
@@ -150,6 +151,7 @@ def _half_faces() -> list[tuple[str, list[str]]]:
 
     faces = [("face", q) for q in listed(FACE_QUADS)]
     faces += [("nostril", q) for q in listed(NOSTRIL_QUADS)]
+    faces += [("nostril_floor", q) for q in listed(NOSTRIL_FLOOR)]
     faces += [("eye", q) for q in _strips(["R0", "R1", "R2", "R3"], EYE, True)]
     faces += [("lip", q) for q in _strips(["M1", "M2", "M3", "M4"], MOUTH, False)]
     faces += [("inner_lip", q) for q in _strips(["M0", "M1"], MOUTH, False)]
@@ -162,13 +164,14 @@ def _half_faces() -> list[tuple[str, list[str]]]:
     rows += [[f"s{r}_{c}" for c in range(6)] + [f"b{r}"] for r in range(1, len(SCALP_ROWS) + 1)]
     rows += [["X0", "X1", "X2", "X3", "X4", "X5"]]
     for k, (upper, lower) in enumerate(zip(rows, rows[1:])):
-        patch = "forehead" if k == 0 else "scalp" if k < 4 else "nape"
-        faces += [(patch, [a, b, d, c]) for a, b, c, d in zip(upper, upper[1:], lower, lower[1:])]
+        for column, (a, b, c, d) in enumerate(zip(upper, upper[1:], lower, lower[1:])):
+            seen = column < (4 if k < 4 else 2)  # where the outline of the head runs, from the front or the side
+            faces.append(("forehead" if k == 0 else "scalp" if seen else "nape", [a, b, d, c]))
     faces += [("neck", q) for q in _strips(["", "n", "e"], NECK_RING, False)]
-    faces += [("cavity", q) for q in _strips(["M0", "V1", "V2"], MOUTH, False)]
+    faces += [("cavity", q) for q in _strips(["M0", "V1"], MOUTH, False)]
     for k in range(4):
-        faces.append(("cavity", [f"V2U{k}", f"V2U{k + 1}", f"V2L{k + 1}", f"V2L{k}"]))
-    faces.append(("cavity", ["V2U4", "V2C", "V2L4"]))
+        faces.append(("cavity", [f"V1U{k}", f"V1U{k + 1}", f"V1L{k + 1}", f"V1L{k}"]))
+    faces.append(("cavity", ["V1U4", "V1C", "V1L4"]))
     return faces
 
 

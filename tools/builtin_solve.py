@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from facewright.faces.builtin_mesh import edge_ids
 from facewright.mesh.subdivide import subdivide_catmull_clark
 
+SMOOTHNESS = 0.5  # of the deviation from the points where the cage starts, against one dense point
 MIRROR_X = np.array([-1.0, 1.0, 1.0])
 
 
@@ -103,7 +104,7 @@ class Measurement:
 
         Points of lips, lids, nostrils and ears keep their texture coordinates, which hold the features in place.
         """
-        held = np.isin(np.array(self.cage.patch)[self.parents], ["eye", "lip", "inner_lip", "nostril", "ear", "cavity"])
+        held = np.isin(np.array(self.cage.patch)[self.parents], ["eye", "lip", "inner_lip", "nostril", "nostril_floor", "ear", "cavity"])
         free = self.is_skin.copy()
         free[self.quads[held].ravel()] = False
         ids = np.flatnonzero(free)
@@ -132,20 +133,28 @@ class Measurement:
         self.lower_lip = self._across([f"M1{k}" for k in [*MOUTH[:5:-1], "C"]])
         self.upper_lid = self.dense_path([f"R1E{k}" for k in range(7)])
         self.lower_lid = self.dense_path(["R1E0", *(f"R1E{k}" for k in range(11, 5, -1))])
-        self.cavity_cage = np.array([k for k, n in enumerate(cage.names) if n.lstrip("~")[:2] in ("V1", "V2")])
+        self.cavity_cage = np.array([k for k, n in enumerate(cage.names) if n.lstrip("~")[:2] == "V1"])
         edges = self.first.edges
         n = self.n
         adjacency = sparse.csr_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), (n, n))
         adjacency = adjacency + adjacency.T
         degree = np.asarray(adjacency.sum(axis=1)).ravel()
         self.L = sparse.identity(n) - sparse.diags(1 / degree) @ adjacency
-        self.rows = sparse.diags(self.is_skin.astype(float)) @ self.S
+        # points deep in the nostrils say little about the rest; rims count more
+        weight = self.is_skin.astype(float)
+        deep = np.setdiff1d(
+            self.quads[np.array(cage.patch)[self.parents] == "nostril_floor"],
+            self.quads[np.array(cage.patch)[self.parents] != "nostril_floor"],
+        )
+        weight[deep] = 0.3
+        self.rows = sparse.diags(weight) @ self.S
+        self.weight = weight
         pins = sparse.csr_matrix(
             (np.ones(len(self.cavity_cage)), (np.arange(len(self.cavity_cage)), self.cavity_cage)),
             (len(self.cavity_cage), n),
         )
         self.pins = pins
-        self.normal = (self.rows.T @ self.rows + pins.T @ pins + 2e-3 * self.L.T @ self.L).toarray()
+        self.normal = (self.rows.T @ self.rows + pins.T @ pins + SMOOTHNESS * self.L.T @ self.L).toarray()
 
     def _across(self, half: list[str]) -> np.ndarray:
         """Return a chain from the right end over the midline (first name) to the left end."""
@@ -154,15 +163,15 @@ class Measurement:
         return np.concatenate([right[:0:-1], left])
 
     def solve(self, field: np.ndarray, cavity: np.ndarray, start: np.ndarray, ties=(), extra=None) -> np.ndarray:
-        """Fit cage values to a field at the dense points (zero rows off the skin).
+        """Fit cage values to a field at the dense points (weighted, zero off the skin).
 
         `ties`: (rows of S difference, right-hand side) held with a large weight; `extra`: (dense ids, values, weight).
         """
-        rhs = self.rows.T @ field + self.pins.T @ cavity + 2e-3 * self.L.T @ (self.L @ start)
+        rhs = self.rows.T @ (self.weight[:, None] * field) + self.pins.T @ cavity + SMOOTHNESS * self.L.T @ (self.L @ start)
         normal = self.normal.copy()
         for matrix, value in ties:
-            normal += 1e4 * (matrix.T @ matrix).toarray()
-            rhs = rhs + 1e4 * (matrix.T @ value)
+            normal += 1e7 * (matrix.T @ matrix).toarray()
+            rhs = rhs + 1e7 * (matrix.T @ value)
         if extra is not None:
             ids, values, weight = extra
             rows = self.S[ids]
@@ -179,6 +188,21 @@ class Measurement:
         weights /= weights.sum(axis=1, keepdims=True)
         cavity = np.einsum("nk,nkc->nc", weights, field[start:stop][near].astype(float))
         return self.W @ field.astype(float) * self.is_skin[:, None], cavity
+
+    def beside_lips(self, inwards: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Return the dense vertices next to the contact line, above and below it, one step in or out."""
+        patch = np.array(self.cage.patch)[self.parents]
+        quads = self.quads[patch == ("inner_lip" if inwards else "lip")]
+        a, b = quads.ravel(), np.roll(quads, -1, axis=1).ravel()
+        n = self.S.shape[0]
+        adjacency = sparse.csr_matrix((np.ones(len(a)), (a, b)), (n, n))
+        adjacency = (adjacency + adjacency.T).tocsr()
+        line = set(self.upper_lip) | set(self.lower_lip)
+        out = []
+        for path in (self.upper_lip[1:-1], self.lower_lip[1:-1]):
+            near = [[v for v in adjacency[p].indices if v not in line] for p in path]
+            out.append(np.array([v[0] for v in near]))
+        return out[0], out[1]
 
     def difference(self, a: np.ndarray, b: np.ndarray) -> sparse.csr_matrix:
         return (self.S[a] - self.S[b]).tocsr()

@@ -22,9 +22,13 @@ from facewright.faces.builtin_parts import EYE_CENTRE, HANDLES, HANDLE_MIRROR, h
 OUT = Path(__file__).parents[1] / "src/facewright/faces/data/builtin_face.npz"
 N_MODES = 60
 GAZE_DEGREES = 24.0
-COARSE = {"ear", "neck", "cavity", "inner_lip", "side", "nape"}
+COARSE = {"nostril_floor", "ear", "neck", "cavity", "forehead", "side", "nape"}
 PART_OF_PATCH = {"side": 1, "ear": 1, "neck": 1, "scalp": 1, "nape": 1, "cavity": 2}
-PATCH_NAMES = ("face", "eye", "lip", "inner_lip", "nostril", "forehead", "scalp", "nape", "side", "ear", "neck", "cavity")
+PATCH_NAMES = ("face", "eye", "lip", "inner_lip", "nostril", "nostril_floor", "forehead", "scalp", "nape", "side", "ear", "neck", "cavity")
+
+
+SEALED = ("cheekPuff", "cheekSquint", "mouthDimple", "mouthFrown", "mouthPress", "mouthSmile", "mouthStretch")
+SLIDING = ("jawLeft", "jawRight", "mouthLeft", "mouthRight", "mouthPucker", "jawForward")
 
 
 class Table:
@@ -46,6 +50,11 @@ class Table:
         self.lids = lids[np.asarray(abs(lids).sum(axis=1)).ravel() > 1e-9]
         right = m.cage.mirror
         self.lids_right = self.lids[:, right]
+        eye = np.array(["eye" in p for p in m.cage.patch])
+        names = [[m.cage.names[v] for v in f if v >= 0] for f in m.cage.faces]
+        lids = np.array([all(n[:2] in ("R1", "R2") for n in f) for f in names]) & eye
+        self.left_lids = np.unique(m.quads[lids[m.parents]])
+        self.lid_points: list[np.ndarray] = []  # where the left lids are, open and closed
 
     def handles(self, field: np.ndarray) -> np.ndarray:
         """Best affine motion of each rigid part, read at its four handles."""
@@ -56,12 +65,30 @@ class Table:
             out.append(affine)
         return np.concatenate(out)
 
+    def eye_handles(self, cage: np.ndarray) -> np.ndarray:
+        """Move and scale the left eyeball with its lids, open and closed, so that their gap stays (least squares)."""
+        centre = np.array(EYE_CENTRE)
+        rows, values = [], []
+        moved = self.m.S[self.left_lids] @ cage
+        for points in self.lid_points:
+            arm = points - centre
+            radius = np.linalg.norm(arm, axis=1, keepdims=True)
+            rows.append(np.concatenate([arm / radius, radius], axis=1))
+            values.append((arm / radius * moved).sum(axis=1))
+        ridge = np.diag([1.0, 1.0, 1.0, 15.0]) * 0.5  # unseen directions stay put
+        solution, *_ = np.linalg.lstsq(
+            np.concatenate([*rows, ridge]), np.concatenate([*values, np.zeros(4)]), rcond=None
+        )
+        return solution[:3] + solution[3] * (HANDLES[:4] - centre)
+
     def mirrored(self, table: np.ndarray) -> np.ndarray:
         return table[self.mirror] * MIRROR_X
 
     def displacement(self, field: np.ndarray, ties=()) -> np.ndarray:
         dense, cavity = self.m.measure(field)
-        cage = self.m.solve(dense, cavity, np.zeros((self.m.n, 3)), ties)
+        start = dense[: self.m.n].copy()  # what the dense point of each cage vertex does
+        start[self.m.cavity_cage] = cavity
+        cage = self.m.solve(dense, cavity, start, ties)
         return np.concatenate([cage, self.handles(field)])
 
 
@@ -82,6 +109,11 @@ def measure_modes(t: Table, count: int) -> tuple[np.ndarray, float]:
     """Principal modes of the measured modes and their mirror images, each at one standard deviation."""
     zero = np.zeros((t.seal.shape[0], 3))
     tables = np.array([t.displacement(f, [(t.seal, zero)]) for f in t.data["identity_modes"]])
+    n = t.m.n
+    for table in tables:
+        image = t.mirrored(table)
+        table[n : n + 4] = t.eye_handles(table[:n])
+        table[n + 4 : n + 8] = t.eye_handles(image[:n]) * MIRROR_X
     tables = np.concatenate([tables, np.array([t.mirrored(x) for x in tables])]) / np.sqrt(2)
     flat = tables.reshape(len(tables), -1)
     value, vector = np.linalg.eigh(flat @ flat.T)
@@ -109,7 +141,12 @@ def measure_expressions(t: Table, mean: np.ndarray) -> dict[str, np.ndarray]:
             ties = [(rows, -(rows @ cage))]
         elif name == "mouthClose":
             ties = [(t.seal, -(t.seal @ out["jawOpen"][: t.m.n]))]
+        elif name.removesuffix("_L").removesuffix("_R") in SEALED:
+            ties = [(t.seal, np.zeros((t.seal.shape[0], 3)))]
         out[name] = t.displacement(source[name], ties)
+        if name in SLIDING:  # lips slide on one another: only the heights are held
+            held = t.displacement(source[name], [(t.seal, np.zeros((t.seal.shape[0], 3)))])
+            out[name][:, 1] = held[:, 1]
     down = t.displacement(source["eyeLookDown_L"] + source["eyeLookDown_R"])
     a = np.radians(GAZE_DEGREES)
     turn = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
@@ -144,9 +181,12 @@ def main() -> None:
     cage = build_cage()
     t = Table(Measurement(cage, data), data)
     mean = measure_mean(t)
+    expressions = measure_expressions(t, mean)
+    lids = t.m.S[t.left_lids]
+    for weight in (0.0, 0.5, 1.0):
+        t.lid_points.append(lids @ (mean + weight * expressions["eyeBlink_L"])[: t.m.n])
     modes, share = measure_modes(t, N_MODES)
     print(f"{N_MODES} identity modes keep {100 * share:.2f} % of the variance")
-    expressions = measure_expressions(t, mean)
 
     patch = np.array([PATCH_NAMES.index(p) for p in cage.patch], np.uint8)
     is_fine = np.array([p not in COARSE for p in cage.patch])
@@ -157,7 +197,8 @@ def main() -> None:
         "cage_patch": patch, "cage_is_fine": is_fine, "cage_part": part, "patch_names": np.array(PATCH_NAMES),
         "expression_names": np.array(list(expressions)),
     }  # fmt: skip
-    for name, tables in (("mean", mean[None]), ("identity", modes), ("expression", np.array(list(expressions.values())))):
+    arrays["mean"] = mean.astype(np.float32)
+    for name, tables in (("identity", modes), ("expression", np.array(list(expressions.values())))):
         arrays[f"{name}_values"], arrays[f"{name}_step"] = quantise(tables)
     arrays.update(annotate(t.m, control, mean))
     OUT.parent.mkdir(exist_ok=True)

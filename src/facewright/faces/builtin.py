@@ -56,7 +56,7 @@ def load_builtin_face() -> Face:
     rigid = build_rigid_parts()
     points_from_controls = _full_matrix(control, rigid)
     parts, mirror = _layout(control, rigid)
-    mean = points_from_controls @ _table(data, "mean")[0]
+    mean = points_from_controls @ data["mean"].astype(np.float64)
     mean = 0.5 * (mean + mean[mirror] * _MIRROR_X)
     topology = _topology(data, control, rigid, parts, mirror, mean)
     names = [str(name) for name in data["expression_names"]]

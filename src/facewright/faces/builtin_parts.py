@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 # Eyeball, mm: centre of the left one; radius against the angle from the optical axis (degrees): a globe with a
 # corneal bulge. The rings at 8.5 and 20.5 degrees are the borders of pupil and iris.
 EYE_CENTRE = (31.24, 36.07, 78.74)
-EYE_RINGS = (4.5, 8.5, 14.5, 20.5, 23.5, 32.0, 45.0, 64.0, 92.0, 135.0)
-EYE_RADII = (17.35, 17.30, 17.15, 16.85, 16.50, 15.95, 15.60, 15.50, 15.40, 15.25)
+EYE_RINGS = (4.5, 8.5, 14.5, 20.5, 23.5, 32.0, 45.0, 66.0, 110.0)
+EYE_RADII = (17.35, 17.30, 17.15, 16.85, 16.50, 15.95, 15.60, 15.50, 15.35)
 EYE_POLES = (17.38, 15.25)
 EYE_SEGMENTS = 16
 PUPIL_RINGS, IRIS_RINGS = 2, 4
@@ -63,7 +63,7 @@ def build_eyeball(side: str) -> Part:
     ).reshape(-1, 3)
     points = np.concatenate([[[0.0, 0.0, EYE_POLES[0]]], rings, [[0.0, 0.0, -EYE_POLES[1]]]])
     last = len(points) - 1
-    spread = np.concatenate([[0.0], np.degrees(polar.ravel()) / 135.0 * 0.45, [0.5]])  # azimuthal unwrapping
+    spread = np.concatenate([[0.0], np.degrees(polar.ravel()) / 110.0 * 0.45, [0.5]])  # azimuthal unwrapping
     turn = np.concatenate([[0.0], np.tile(azimuth, len(EYE_RINGS)), [0.0]])
     radial = np.concatenate([[0.0], np.repeat(spread[1:-1], n), [0.5]])
     uv = 0.5 + np.stack([radial * np.cos(turn), radial * np.sin(turn)], axis=1)
@@ -95,7 +95,7 @@ def _reversed(quads: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def build_teeth(row: str) -> Part:
-    """Build a row of twelve teeth as one closed tube along the arch: three columns a tooth, six points a section."""
+    """Build a row of twelve teeth as one closed tube along the arch: three columns a tooth, five points a section."""
     table = np.array(UPPER_TEETH if row == "upper" else LOWER_TEETH)
     x, z, width, thickness, edge, gum = table.T
     arch = np.stack([np.concatenate([-x[::-1], x]), np.concatenate([z[::-1], z])], axis=1)  # right to left
@@ -117,15 +117,15 @@ def build_teeth(row: str) -> Part:
             sections.append(_section(place, outward[j], thick, cut, root, 0.0, inwards))
     end = arch[-1] + tangent[-1] * both[0][-1] / 2
     sections.append(_section(end, outward[-1], both[1][-1], both[2][-1] + 0.9 * inwards, both[3][-1], 0.8, inwards))
-    points = np.array(sections)  # (columns, 6, 3)
+    points = np.array(sections)  # (columns, 5, 3)
     points = 0.5 * (points + points[::-1] * [-1.0, 1.0, 1.0])
     columns, n = points.shape[:2]
 
     ids = np.arange(columns * n).reshape(columns, n)
     a, b = ids[:-1], ids[1:]
     tube = np.stack([a, b, np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)], axis=-1).reshape(-1, 4)
-    caps = [ids[0, [0, 1, 4, 5]], ids[0, [1, 2, 3, 4]], ids[-1, [5, 4, 1, 0]], ids[-1, [4, 3, 2, 1]]]
-    faces = np.concatenate([tube, caps]).astype(np.int32)
+    caps = [[*ids[0, [0, 1, 3, 4]]], [*ids[0, [1, 2, 3]], -1], [*ids[-1, [4, 3, 1, 0]]], [*ids[-1, [3, 2, 1]], -1]]
+    faces = np.concatenate([tube, np.array(caps)]).astype(np.int32)
     faces = faces if _volume(points.reshape(-1, 3), faces) > 0 else _reversed(faces)
     u = np.repeat(np.linspace(0.0, 1.0, columns)[:, None], n, axis=1)
     v = np.repeat(np.linspace(0.0, 1.0, n)[None], columns, axis=0)
@@ -142,21 +142,20 @@ def _between(arch: NDArray, tangent: NDArray, width: NDArray, j: int) -> NDArray
 def _section(
     place: NDArray, outward: NDArray, thick: float, cut: float, root: float, inset: float, inwards: float
 ) -> NDArray:
-    """Return six points round a tooth: gum outside, neck, cutting edge outside and inside, back, gum inside."""
-    depth = thick + 2.5
+    """Return five points round a tooth: gum outside, neck, cutting edge outside and inside, gum inside."""
     rows = (
         (-inset - 1.0, root + 7.0 * inwards),
         (-inset * 0.6 + 0.0, root),
         (-inset, cut),
         (-max(thick - inset, 1.0), cut),
-        (-depth, root - 1.0 * inwards),
-        (-depth, root + 7.0 * inwards),
+        (-thick - 2.5, root + 7.0 * inwards),
     )
     return np.array([[*(place + outward * o), y] for o, y in rows])[:, [0, 2, 1]]
 
 
 def _volume(points: NDArray, quads: NDArray[np.int32]) -> float:
-    a, b, c, d = (points[quads[:, k]] for k in range(4))
+    last = np.where(quads[:, 3] >= 0, quads[:, 3], quads[:, 0])
+    a, b, c, d = points[quads[:, 0]], points[quads[:, 1]], points[quads[:, 2]], points[last]
     return float(np.einsum("nc,nc->", a, np.cross(b, c)) + np.einsum("nc,nc->", a, np.cross(c, d)))
 
 
