@@ -135,8 +135,10 @@ def test_guards(model, population):
         model.synthesise(np.zeros(8), np.full(6, np.nan))
     with pytest.raises(ShapeError, match="beta"):
         model.expression_from_blendshapes(np.zeros(9))
-    with pytest.raises(ShapeError, match="one name per shape"):
+    with pytest.raises(ShapeError, match=r"tensor must have shape \(N, 1, 180, 3\), got"):
         fit_bilinear(population, 3, 3, topology=model.topology, expression_names=["neutral"])
+    with pytest.raises(ShapeError, match="one name per shape"):
+        fit_bilinear([population], 3, 3, topology=model.topology, expression_names=["neutral"])
     with pytest.raises(ShapeError, match="core_rows"):
         replace(model, core_rows=model.core_rows[:, :, :-1])
     with pytest.raises(ShapeError, match="C-contiguous float32"):

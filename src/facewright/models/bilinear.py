@@ -311,6 +311,8 @@ def fit_bilinear(
     -----
     FaceWarehouse eq. (8), (9); scaling as stated in `BilinearModel`.
     """
+    if hasattr(tensor, "shape"):  # refuse before the work what can be known before
+        check_shape("tensor", tensor, "N", len(expression_names), topology.n_vertices, 3)
     svd = nmode_svd(tensor, n_identity, n_expression, order=order, block_mb=block_mb, progress=progress)
     N, S = len(svd.identity_factors), len(svd.expression_factors)
     if len(expression_names) != S:
