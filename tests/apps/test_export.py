@@ -126,6 +126,18 @@ def test_arkit_names_mix_the_shapes_and_the_motion(tmp_path, rig):
     np.testing.assert_allclose(scene.animations[0].weights, expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("names", ["facewright", "arkit52"])
+def test_the_file_opens_in_the_given_pose(tmp_path, rng, rig, names):
+    rig, topology = rig
+    weights = rng.random(46)
+    export_rig(ExportRequest(rig, topology, tmp_path / "rig.glb", names=names, weights=weights))
+    (mesh,) = read_gltf(tmp_path / "rig.glb").meshes
+    jaw = mesh.weights[mesh.morph_names.index("jawOpen")]
+    assert jaw == pytest.approx(weights[BLENDSHAPE_NAMES.index("jawOpen")], abs=1e-6)
+    with pytest.raises(ShapeError, match="weights"):
+        export_rig(ExportRequest(rig, topology, tmp_path / "no.glb", weights=weights[:5]))
+
+
 def test_obj_sequence(tmp_path, rng, rig):
     rig, topology = rig
     texture = rng.integers(0, 256, (8, 8, 3), dtype=np.uint8)

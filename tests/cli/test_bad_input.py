@@ -80,18 +80,18 @@ def test_a_face_file_that_is_a_single_array(tmp_path, refused):
 # ---- pictures ----
 
 
-def _pictures(folder):
+def _pictures(folder, side=40):
     """Write pictures of every unusual kind and pictures that are none; returns the good and the bad ones."""
     from PIL import Image
 
     rng = np.random.default_rng(0)
-    rgb = Image.fromarray(rng.integers(0, 256, (40, 48, 3), dtype=np.uint8))
+    rgb = Image.fromarray(rng.integers(0, 256, (side, side + 8, 3), dtype=np.uint8))
     good = {
         "grey.png": rgb.convert("L"),
         "alpha.png": rgb.convert("RGBA"),
         "palette.png": rgb.convert("P"),
         "cmyk.jpg": rgb.convert("CMYK"),
-        "deep.png": Image.fromarray(rng.integers(0, 65536, (40, 48), dtype=np.uint16)),
+        "deep.png": Image.fromarray(rng.integers(0, 65536, (side, side + 8), dtype=np.uint16)),
         "plain.jpg": rgb,
     }
     for name, picture in good.items():
@@ -125,6 +125,136 @@ def test_pictures_of_every_kind(tmp_path, invoke, refused):
     for name in good:
         result = invoke("export", tmp_path / "a.glb", "--texture", tmp_path / name, "--json")
         assert result.exit_code == 0, f"{name}: {result.stderr}"
+
+
+# ---- photos and landmarks ----
+
+
+@pytest.fixture
+def points(tmp_path, small_model):
+    """A points file of a face seen from the front: the model's own points, projected."""
+    from facewright.landmarks.files import write_landmarks
+    from facewright.landmarks.points import Landmarks
+    from facewright.models.bilinear_store import load_bilinear
+
+    model = load_bilinear(small_model)
+    ids = model.topology.landmarks["fw74"]
+    found = model.mean_face[ids, :2] * [2.0, -2.0] + 240.0
+    found[ids < 0] = np.nan
+    write_landmarks(tmp_path / "points.json", Landmarks("fw74", found, (ids >= 0).astype(float)))
+    return tmp_path / "points.json"
+
+
+@pytest.fixture
+def photo(tmp_path):
+    from PIL import Image
+
+    Image.new("RGB", (480, 480), (90, 120, 90)).save(tmp_path / "photo.png")
+    return tmp_path / "photo.png"
+
+
+def _without_detector(photo, small_model, points, out):
+    return ["fit", photo, "--model", small_model, "--landmarks", points, "--no-detect", "--texture", 64, "--out", out]
+
+
+def test_a_fit_without_the_detector(photo, small_model, points, tmp_path, invoke):
+    result = invoke(*_without_detector(photo, small_model, points, tmp_path / "out"), "--json")
+    assert result.exit_code == 0, result.stderr
+    payload = json.loads(result.stdout)
+    assert payload["faces_found"] == 0 and payload["reprojection_iod"] < 0.02
+    files = {p.name for p in (tmp_path / "out").iterdir()}
+    assert {"fit.json", "face.obj", "face.glb", "texture.png", "overlay.png"} <= files
+    again = invoke("export", tmp_path / "a.glb", "--model", small_model, "--fit", tmp_path / "out" / "fit.json")
+    assert again.exit_code == 0, again.stderr
+
+
+def _spoilt(points, kind):
+    content = json.loads(points.read_text())
+    if kind == "nan":
+        content["points"][20] = [float("nan"), 3.0]
+    elif kind == "infinite":
+        content["points"][20] = [1e400, 3.0]
+    elif kind == "count":
+        content["points"] = content["points"][:-1]
+    elif kind == "scheme":
+        content["scheme"] = "nose5"
+    elif kind == "text":
+        content["points"][3] = ["a", "b"]
+    elif kind == "3d":
+        content["points"] = [None if p is None else [*p, 0.0] for p in content["points"]]
+    elif kind == "few":
+        content["points"] = [p if i in (27, 31, 35) else None for i, p in enumerate(content["points"])]
+    elif kind == "one place":
+        content["points"] = [None if p is None else [5.0, 5.0] for p in content["points"]]
+    return "{" if kind == "json" else "" if kind == "empty" else json.dumps(content)
+
+
+SPOILT = ["nan", "infinite", "count", "scheme", "text", "3d", "few", "one place", "json", "empty"]
+
+
+@pytest.mark.parametrize("kind", SPOILT)
+def test_landmark_files_that_cannot_be(kind, photo, small_model, points, tmp_path, refused):
+    points.write_text(_spoilt(points, kind))
+    before = set(tmp_path.iterdir())
+    sentence = refused(*_without_detector(photo, small_model, points, tmp_path / "out"))
+    assert kind in ("few", "one place") or "points.json" in sentence
+    left = set(tmp_path.rglob("*")) - before - {tmp_path / "out"}
+    assert not left
+
+
+def test_landmarks_of_another_picture(small_model, points, tmp_path, refused):
+    """Points far outside the photo, as when the wrong file is given."""
+    from PIL import Image
+
+    Image.new("RGB", (48, 40)).save(tmp_path / "small.png")
+    assert "48" in refused(*_without_detector(tmp_path / "small.png", small_model, points, tmp_path / "out"))
+
+
+def test_landmark_files_of_other_kinds(photo, small_model, tmp_path, refused):
+    for name, content in (
+        ("a.pts", "version: 1\nn_points: 3\n{\n1 2\n3 4\n}\n"),
+        ("b.pts", "version: 1\nn_points: 68\n{\n" + "1 nan\n" * 68 + "}\n"),
+        ("c.txt", "1 2 3"),
+        ("d.pts", "\0\1\2"),
+    ):
+        (tmp_path / name).write_text(content)
+        assert name in refused(*_without_detector(photo, small_model, tmp_path / name, tmp_path / "out"))
+    assert "none.pts" in refused(*_without_detector(photo, small_model, tmp_path / "none.pts", tmp_path / "out"))
+    assert "landmarks must be given" in refused("fit", photo, "--model", small_model, "--no-detect")
+
+
+def test_photos_that_are_none(small_model, points, tmp_path, refused):
+    _, bad = _pictures(tmp_path)
+    for name in [*bad, "none.jpg"]:
+        assert name in refused(*_without_detector(tmp_path / name, small_model, points, tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_photos_of_every_kind(small_model, points, tmp_path, invoke):
+    good, _ = _pictures(tmp_path, side=480)
+    for name in good:
+        result = invoke(*_without_detector(tmp_path / name, small_model, points, tmp_path / "out"))
+        assert result.exit_code == 0, f"{name}: {result.stderr}"
+
+
+@pytest.mark.landmarks
+def test_no_face_and_too_few_faces(photo, small_model, tmp_path, refused):
+    pytest.importorskip("mediapipe", reason="needs the landmarks extra")
+    from skimage import data
+
+    from facewright.io.image import write_image
+
+    out = tmp_path / "out"
+    assert "must show a face" in refused("fit", photo, "--model", small_model, "--out", out)
+    write_image(tmp_path / "astronaut.png", data.astronaut())
+    sentence = refused("fit", tmp_path / "astronaut.png", "--model", small_model, "--out", out, "--face", 1)
+    assert "found 1" in sentence
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_a_full_disk_while_fitting(photo, small_model, points, small_disk, refused):
+    assert "no space left" in refused(*_without_detector(photo, small_model, points, small_disk / "out"))
+    assert not [p for p in small_disk.rglob("*") if p.name.startswith(".")]
 
 
 # ---- maps, fits ----

@@ -116,6 +116,11 @@ def test_export_of_fitted_identity(small_model, tmp_path, refused):
         (["export", "a.glb", "--model", "m", "--seed", "1"], "seed must be left out"),
         (["export", "a.glb", "--texture", "none.png"], "none.png"),
         (["evaluate", "nonsense"], "suite must be one of"),
+        (["faces", "install", "nobody"], "got 'nobody'"),
+        (["faces", "install", "ict", "--from", "none.zip"], "none.zip"),
+        (["fit", "photo.jpg"], "--model"),
+        (["fit", "none.jpg", "--model", "m.fwbm"], "none.jpg"),
+        (["fit", "none.jpg", "--model", "m.fwbm", "--texture", "8"], "texture"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )

@@ -87,6 +87,8 @@ class ExportRequest:
         sRGB colours; on the skin only where there is no texture.
     clip : RigClip, optional
         Motion; `demo_clip` makes one.
+    weights : ndarray of shape (B,), optional
+        Weights of the rig's own shapes at which a glTF stands when it is opened; neutral where absent.
     image_format : {"jpeg", "png"}
         How a texture is stored in glTF.
     copyright : str
@@ -100,6 +102,7 @@ class ExportRequest:
     texture: NDArray[np.uint8] | None = None
     vertex_colors: NDArray[np.uint8] | None = None
     clip: RigClip | None = None
+    weights: NDArray[np.floating[Any]] | None = None
     image_format: str = "jpeg"
     copyright: str = ""
 
@@ -159,6 +162,8 @@ def export_rig(request: ExportRequest, progress: Progress | None = None) -> Expo
         check_shape("vertex_colors", request.vertex_colors, V, 3)
     if request.texture is not None and topology.uv is None:
         raise ValueRangeError(f"texture must have a topology with uv, got {topology.name!r} without.")
+    if request.weights is not None:
+        check_shape("weights", request.weights, len(rig.names))
     names, deltas, mix = _renamed(rig, request.names)
     suffix = request.out.suffix.lower()
     if suffix in (".glb", ".gltf"):
@@ -281,6 +286,7 @@ def _export_gltf(
         morph_names=names,
         morph_deltas=moves if names else None,
         morph_normals=turns if names else None,
+        weights=request.weights if mix is None or request.weights is None else mix @ request.weights,
     )
     animations = []
     if request.clip is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from facewright.apps.export import ExportRequest, ExportResult, demo_clip, export_rig
 from facewright.apps.paint_person import face_of_model, person_colors
-from facewright.errors import FileFormatError, ValueRangeError
+from facewright.errors import FileFormatError, TopologyError, ValueRangeError
 
 if TYPE_CHECKING:
     from facewright.faces.face import Face
@@ -69,7 +69,7 @@ def export_person(request: ExportPersonRequest, progress: Progress | None = None
     ------
     ValueRangeError
         If the model has no such training person.
-    FileFormatError
+    FileFormatError, TopologyError
         If the fit's JSON is not one, or was made with another model.
     """
     rig, topology, face, licence = _from_face(request) if request.model is None else _from_model(request)
@@ -131,6 +131,12 @@ def _fitted_identity(path: Path, model: BilinearModel) -> NDArray[np.float64]:
 
     content = read_json(path)
     weights = content.get("identity_weights") if isinstance(content, dict) else None
+    origin = content.get("model") if isinstance(content, dict) else None
+    topology = origin.get("topology") if isinstance(origin, dict) else None
+    if topology not in (None, model.topology.fingerprint):
+        raise TopologyError(
+            f"{path} must be a fit of topology {model.topology.fingerprint}, the model's, got {topology!r}."
+        )
     try:
         w_id = np.array(weights, dtype=np.float64)
     except (TypeError, ValueError):

@@ -167,10 +167,16 @@ def progress_bar(as_json: bool = False) -> Iterator[Progress | None]:
     columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
         tasks: dict[str, Any] = {}
+        last: Any = None
 
         def report(stage: str, done: int, total: int) -> None:
+            nonlocal last
             if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=total)
-            bar.update(tasks[stage], completed=done, total=total)
+                # Steps of one whole ("fitting" 2 of 6, "writing" 3 of 6) share a line; other stages get their own.
+                same = last is not None and 0 < done <= total == bar.tasks[last].total
+                same = same and bar.tasks[last].completed <= done and not bar.tasks[last].finished
+                last = last if same else bar.add_task(stage, total=total)
+                tasks[stage] = last
+            bar.update(tasks[stage], description=stage, completed=done, total=total)
 
         yield report
