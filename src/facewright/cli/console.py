@@ -104,22 +104,22 @@ def _explain(kind: str, sentence: str, code: int) -> int:
 def finish(payload: Mapping[str, Any], as_json: bool, lines: Callable[[], None]) -> None:
     """Print a command's result: the payload as one JSON object, or `lines` for people."""
     if as_json:
-        sys.stdout.write(json.dumps(_plain(payload), allow_nan=False) + "\n")
+        sys.stdout.write(json.dumps(plain(payload), allow_nan=False) + "\n")
     else:
         lines()
     sys.stdout.flush()
 
 
-def _plain(value: Any) -> Any:
-    """Turn paths, NumPy numbers and arrays, and non-finite floats into what JSON has."""
+def plain(value: Any) -> Any:
+    """Turn paths, NumPy numbers and arrays, and non-finite floats (null) into what JSON has."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, Path):
         return str(value)
     if hasattr(value, "tolist"):
-        return _plain(value.tolist())
+        return plain(value.tolist())
     if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
         return None
     return value

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from facewright.cli.console import finish, progress_bar, say, table
+from facewright.cli.console import finish, plain, progress_bar, say, table
 
 
 def evaluate(
@@ -46,7 +46,7 @@ def evaluate(
         from facewright.io.atomic import write_atomically
 
         with write_atomically(file) as temporary:
-            temporary.write_text(json.dumps(payload, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            temporary.write_text(json.dumps(plain(payload), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
     def show() -> None:
         rows = [[name, f"{value:.4g}", target, met] for name, value, target, met in compare(suite, metrics)]
