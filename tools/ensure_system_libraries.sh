@@ -2,9 +2,9 @@
 # MediaPipe's OpenCV loads libGL and glib of the system: install them where that is possible, else say how.
 # Usage: ensure_system_libraries.sh PYTHON
 python=$1
-loads() { "$python" -c "import cv2" >/dev/null 2>&1; }
+loads() { "$python" -c "import cv2, mediapipe" >/dev/null 2>&1; }
 loads && exit 0
-reason=$("$python" -c "import cv2" 2>&1 | tail -n 1)
+reason=$("$python" -c "import cv2, mediapipe" 2>&1 | tail -n 1)
 case $reason in
   *.so*) ;;
   *) echo "OpenCV does not load: $reason" >&2; exit 1 ;;
