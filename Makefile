@@ -65,7 +65,7 @@ format: setup ## Format the code
 	@$(PY) -m ruff format .
 
 bench: setup ## Run the benchmarks against their peers
-	@$(PY) -m benchmarks
+	@for benchmark in benchmarks/[a-z]*.py; do echo "== $$benchmark"; $(PY) "$$benchmark"; done
 
 docs: setup ## Renew docs/cli.md and the pictures of the examples
 	@$(PY) tools/make_cli_docs.py

@@ -314,7 +314,8 @@ def test_a_folder_that_must_not_be_written(tmp_path, refused):
     assert "folder" in refused("export", tmp_path / "folder.glb")
 
 
-def test_ctrl_c_ends_in_one_sentence_with_nothing_left(command, tmp_path):
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_ends_in_one_sentence_with_nothing_left(command, tmp_path, kind):
     args = command("model", "build", "-o", tmp_path / "m.fwbm", "--people", 400)
     process = subprocess.Popen(args, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
@@ -322,7 +323,7 @@ def test_ctrl_c_ends_in_one_sentence_with_nothing_left(command, tmp_path):
         while not list(tmp_path.iterdir()) and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.1)  # until its temporary folder shows that it is at work
         time.sleep(0.5)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(kind)
         stdout, stderr = process.communicate(timeout=60)
     finally:
         process.kill()

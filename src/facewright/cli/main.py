@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import signal
+import sys
 from typing import Annotated
 
 import typer
 
 from facewright import __version__
 from facewright.cli import demo, evaluate, export, faces, fit, info, model
-from facewright.cli.console import FacewrightGroup
+from facewright.cli.console import EXIT_INTERRUPTED, FacewrightGroup
 
 app = typer.Typer(
     name="facewright",
@@ -47,4 +49,9 @@ app.command("info")(info.info)
 
 def run() -> None:
     """Run the command line; the entry point of the installed script."""
-    app()
+    # A polite kill ends like Ctrl-C: temporary files are removed on the way out.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        app()
+    except KeyboardInterrupt:  # before or after the command itself
+        sys.exit(EXIT_INTERRUPTED)
