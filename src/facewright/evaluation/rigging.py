@@ -103,8 +103,8 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         ``seconds``: 20 poses to 46 shapes of one person, median, factorisation included; ``unseen_rms_mm``;
         ``generic_rms_mm`` for the transferred generic shapes; ``improvement`` = 1 - unseen / generic;
         ``improvement_true_weights``, acted weights known; ``improvement_without_amplitudes``, weights unknown and the
-        generic shapes unscaled as in Li et al. 2010; ``left_right_swaps``: shapes of all people that correlate better with
-        the truth of the other side; ``worst_person_improvement``; ``vertices``.
+        generic shapes unscaled as in Li et al. 2010; ``left_right_swaps``: shapes of all people that correlate better
+        with the truth of the other side; ``worst_person_improvement``; ``vertices``.
 
     Raises
     ------

@@ -30,7 +30,9 @@ def vertex_areas(vertices: NDArray[np.floating[Any]], faces: NDArray[np.integer[
         If shapes are wrong or an index is outside [0, V).
     """
     third = face_areas(vertices, faces).astype(np.float64) / 3.0
-    return np.bincount(np.asarray(faces).ravel(), np.repeat(third, 3), minlength=len(vertices))
+    areas = np.zeros(len(vertices))
+    np.add.at(areas, np.asarray(faces).ravel(), np.repeat(third, 3))
+    return areas
 
 
 def mean_edge_length(vertices: NDArray[np.floating[Any]], faces: NDArray[np.integer[Any]]) -> float:

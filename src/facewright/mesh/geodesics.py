@@ -24,8 +24,8 @@ def path_graph(
     """Return the symmetric (V, V) graph of path lengths along the surface, CSR, float64, mm.
 
     With `diagonals` the two far corners of every two triangles that share an edge are joined too, by the straight line
-    in the flattened pair where it crosses the shared edge, and else over the nearer end of that edge. For a triangulated
-    quad these are both diagonals, which halves the error of paths over edges.
+    in the flattened pair where it crosses the shared edge, and else over the nearer end of that edge. For a
+    triangulated quad these are both diagonals, which halves the error of paths over edges.
 
     Raises
     ------

@@ -126,7 +126,7 @@ def solve_bounded_quadratic(
     )
     if not (low <= high).all():
         raise ValueRangeError("lower must not be above upper, and neither may be NaN.")
-    matrices = np.ascontiguousarray(np.asarray(H, dtype=np.float64).reshape(-1, N, N))
+    matrices = np.ascontiguousarray(np.asarray(H, dtype=np.float64).reshape(K if np.ndim(H) == 3 else 1, N, N))
     failures = minimise_in_box(matrices, C, low, high, x, _MAX_ITERATIONS, _TOLERANCE)
     if failures:
         text = f"{failures} of {K} bounded problems stopped after {_MAX_ITERATIONS} iterations."
