@@ -23,7 +23,7 @@ class DeformationTransfer:
     Minimises :math:`\sum_j w_j \|Q_j - T_j\|_F^2` over the target's vertices, Q_j being the deformation gradient of
     triangle j in the source and T_j in the target [1]_ (EE 4.1, FW 3.2.2). The fourth vertex of each target triangle
     occurs in one term only and is eliminated there, which leaves one V x V matrix with three right-hand sides for a
-    pose; the unknown is the displacement, so that a source at rest gives exactly the target at rest.
+    pose; the unknown is the displacement, so that a source at rest gives the target at rest to the last digits.
 
     The energy does not see translations. Each connected component gets the one that lets the vertices which hold
     still in the source hold still in the target: weights 1 / (\|d\|^2 + (0.1 mm)^2), d the source's displacement, or
@@ -198,7 +198,7 @@ class DeformationTransfer:
         weights = np.where(anchored < 0, 1.0 / ((moved**2).sum(axis=2) + _STILL_MM**2), anchored)
         displacements = solution.transpose(1, 0, 2)
         error = ((moved - displacements) * weights[:, :, None]).transpose(1, 0, 2).reshape(V, T * 3)
-        sums = (self._members @ error).reshape(-1, T, 3)
+        sums = (self._members @ error).reshape(self._members.shape[0], T, 3)
         shift = sums / (self._members @ weights.T)[:, :, None]
         return displacements + shift[self._labels].transpose(1, 0, 2)
 
