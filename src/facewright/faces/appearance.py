@@ -141,7 +141,7 @@ def sample_appearance(rng: np.random.Generator) -> Appearance:
         ground=_triple(gain * rng.uniform(0.13, 0.20) * (1.0 + 0.5 * warmth)),
         background=_background(rng),
         grain=np.concatenate(
-            [rng.normal(0, 0.25, (3, 12)), rng.uniform(0, 2 * np.pi, (1, 12)), rng.normal(0, 0.006, (3, 12))]
+            [rng.normal(0, 0.18, (3, 12)), rng.uniform(0, 2 * np.pi, (1, 12)), rng.normal(0, 0.005, (3, 12))]
         ),
     )
 

@@ -92,15 +92,17 @@ def _interpolation(points: NDArray, centres: NDArray, sigma: float) -> NDArray[n
 def face_contacts(
     vertices: NDArray[np.floating[Any]], topology: Topology, faces: NDArray[np.integer[Any]]
 ) -> dict[str, Contact]:
-    """Return those of the contacts ``"lips"``, ``"lid_left"`` and ``"lid_right"`` that the face's masks name.
+    """Return the contacts whose masks the face has: ``"lips"``, and ``"upper_lid_left"`` and so on.
 
-    Lips share a change between them; only the upper lid moves.
+    Lips share a change between them; of a lid's two contacts, one moves the upper and one the lower lid.
     """
     wanted = {
         "lips": ("lip_contact_upper", "lip_contact_lower", 4.0, 0.5),
-        "lid_left": ("lid_contact_upper_left", "lid_contact_lower_left", 4.0, 1.0),
-        "lid_right": ("lid_contact_upper_right", "lid_contact_lower_right", 4.0, 1.0),
     }
+    for side in ("left", "right"):
+        pair = (f"lid_contact_upper_{side}", f"lid_contact_lower_{side}")
+        wanted[f"upper_lid_{side}"] = (*pair, 4.0, 1.0)
+        wanted[f"lower_lid_{side}"] = (*pair, 4.0, 0.0)
     return {
         name: Contact(
             vertices,

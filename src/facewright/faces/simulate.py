@@ -13,7 +13,7 @@ from facewright.deform.deformation_transfer import DeformationTransfer
 from facewright.errors import ValueRangeError
 from facewright.faces.blendshape_names import mirrored_name
 from facewright.faces.contact import Contact, face_contacts
-from facewright.faces.eyeball import push_outside
+from facewright.faces.eyeball import clearance, push_outside
 from facewright.faces.face import Face
 from facewright.faces.rigid_motion import RigidMotion, rigid_motions, rigid_vertices
 from facewright.mesh.connectivity import vertex_components
@@ -31,6 +31,7 @@ PERTURBATION = 0.15
 _FOLLOW_MM = 4.0  # loose geometry (lashes, lacrimal fluid) follows the skin within about this distance
 _SEALED_MM = 2.0  # lips whose offset a shape changes by less than about this stay as they are
 _LID_GAP = 0.2  # what is left of the gap of the generic closed lids (1 mm on ICT-FaceKit)
+_LID_CLEARANCE_MM = 1.0
 _FIELD_BATCH = 8  # neutrals whose random fields share their waves
 
 
@@ -271,10 +272,17 @@ class _Simulator:
             lips.change(deltas, sealed * (before["lips"] - lips.offsets(deltas)))
         for side in ("left", "right"):
             shape = f"eyeBlink_{side[0].upper()}"
-            if f"lid_{side}" in self.contacts and shape in names:
-                i, lid = names.index(shape), self.contacts[f"lid_{side}"]
-                wanted = _LID_GAP * lid.offsets(self.mean + self.generic[i])
-                lid.change(deltas[i], wanted - lid.offsets(rest + deltas[i]))
+            if shape in names:
+                self._close_lid("upper", side, rest, deltas[names.index(shape)], names.index(shape))
+
+    def _close_lid(
+        self, lid: str, side: str, rest: NDArray[np.float64], delta: NDArray[np.float64], shape: int
+    ) -> None:
+        """Let the upper or lower lid of one side meet the other in blendshape `delta` (V, 3), in place."""
+        contact = self.contacts.get(f"{lid}_lid_{side}")
+        if contact is not None:
+            wanted = _LID_GAP * contact.offsets(self.mean + self.generic[shape])
+            contact.change(delta, wanted - contact.offsets(rest + delta))
 
     def _clear_eyeballs(self, rest: NDArray[np.float64], deltas: NDArray[np.float64]) -> None:
         """Let closing lids slide over the eyeballs, where the face has eyeballs."""
@@ -288,11 +296,13 @@ class _Simulator:
             for shape in (f"eyeBlink_{side[0].upper()}", "eyesLookDown"):
                 if shape in names:
                     i = names.index(shape)
-                    closed = push_outside(rest[lid] + deltas[i, lid], rest[ball] + deltas[i, ball])
-                    # Not at the corners of the eye, which hardly move and may touch the eyeball at rest.
-                    size = np.linalg.norm(deltas[i, lid], axis=1, keepdims=True)
-                    share = np.clip(3.0 * size / size.max() - 0.6, 0.0, 1.0)
-                    deltas[i, lid] += share * (closed - rest[lid] - deltas[i, lid])
+                    # As far outside as the generic lid is; more would tear it from the lower lid.
+                    generic = self.mean + self.generic[i]
+                    wanted = np.minimum(clearance(generic[lid], generic[ball]), _LID_CLEARANCE_MM)
+                    closed = push_outside(rest[lid] + deltas[i, lid], rest[ball] + deltas[i, ball], wanted)
+                    deltas[i, lid] = closed - rest[lid]
+                    if shape.startswith("eyeBlink"):
+                        self._close_lid("lower", side, rest, deltas[i], i)
 
 
 def _rms(fields: NDArray[np.floating]) -> NDArray[np.float64]:
