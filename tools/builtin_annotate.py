@@ -70,12 +70,14 @@ class Annotator:
             out[f"{name}_left"], out[f"{name}_right"] = ids, self.mirrored(ids)
         out["nose"] = self.by_names(NOSE)
         out["nostrils"] = self.inside(np.isin(self.patch, ["nostril", "nostril_floor"]))
+        rim = self.path([f"Q{k}" for k in range(6)], closed=True)
+        out["nostril_insides"] = np.setdiff1d(out["nostrils"], np.union1d(rim, self.mirrored(rim)))
         out["chin"] = self.by_names(CHIN)
         out["ears"] = self.inside(self.patch == "ear")
         brows = np.union1d(out["brow_left"], out["brow_right"])
-        out["forehead"] = np.setdiff1d(self.inside(self.patch == "forehead"), brows)
+        out["forehead"] = np.setdiff1d(self.inside(np.isin(self.patch, ["forehead", "temple"])), brows)
         out["face"] = np.arange(*self.control.parts["face"])
-        out["face_region"] = self.inside(np.isin(self.patch, ["face", "eye", "lip", "forehead", "nostril"]))
+        out["face_region"] = self.inside(np.isin(self.patch, ["face", "eye", "lip", "forehead", "temple", "nostril"]))
         x = self.points[: self.n_skin, 0]
         out["left"], out["right"] = np.flatnonzero(x > 1e-3), np.flatnonzero(x < -1e-3)
         pairs = {"lip_contact": (self.m.upper_lip, self.m.lower_lip),
@@ -111,9 +113,10 @@ class Annotator:
         targets = 0.5 * (targets + targets[mirror] * [-1, 1, 1])
         lash = self.path(["R1" + k for k in EYE], closed=True)
         border = np.concatenate([self.path(["M3" + k for k in MOUTH])])
-        contact = np.concatenate([self.path(["M1" + k for k in MOUTH])])
+        above = self.path(["M1" + k for k in MOUTH[:6]])  # both sides of the contact line are in one place
+        below = self.path(["M1" + k for k in MOUTH[5:]])
         front = np.flatnonzero(self.points[: self.n_skin, 2] > 0)
-        allowed = {"eye": lash, "outer_mouth": border, "inner_mouth": contact}
+        allowed = {"eye": lash, "outer_mouth": border, "inner_upper": above, "inner_lower": below}
         kind = {k: name for name, ids in groups.items() for k in ids}
         out = np.zeros(len(targets), int)
         for k, target in enumerate(targets):
@@ -128,13 +131,15 @@ class Annotator:
     def _fw74(self) -> np.ndarray:
         vertices = json.loads((DATA / "faces/data/ict_landmarks.json").read_text())["fw74"]
         mirror = np.array(json.loads((DATA / "landmarks/data/fw74.json").read_text())["mirror"])
-        groups = {"eye": [*range(27, 43)], "outer_mouth": [*range(54, 66)], "inner_mouth": [*range(66, 74)]}
+        groups = {"eye": [*range(27, 43)], "outer_mouth": [*range(54, 66)], "inner_upper": [*range(66, 71)],
+                  "inner_lower": [71, 72, 73]}  # fmt: skip
         return self._place(np.array(vertices), groups, mirror)
 
     def landmarks(self) -> dict[str, np.ndarray]:
         fw74 = self._fw74()
         mirror68 = np.array(json.loads((DATA / "landmarks/data/ibug68.json").read_text())["mirror"])
-        groups = {"eye": [*range(36, 48)], "outer_mouth": [*range(48, 60)], "inner_mouth": [*range(60, 68)]}
+        groups = {"eye": [*range(36, 48)], "outer_mouth": [*range(48, 60)], "inner_upper": [*range(60, 65)],
+                  "inner_lower": [65, 66, 67]}  # fmt: skip
         mediapipe = np.full(478, -1)
         table = json.loads((DATA / "landmarks/data/mediapipe478_to_fw74.json").read_text())["points"]
         for target, sources in table.items():

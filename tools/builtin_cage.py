@@ -165,8 +165,10 @@ def _half_faces() -> list[tuple[str, list[str]]]:
     rows += [["X0", "X1", "X2", "X3", "X4", "X5"]]
     for k, (upper, lower) in enumerate(zip(rows, rows[1:])):
         for column, (a, b, c, d) in enumerate(zip(upper, upper[1:], lower, lower[1:])):
-            seen = column < (4 if k < 4 else 2)  # where the outline of the head runs, from the front or the side
-            faces.append(("forehead" if k == 0 else "scalp" if seen else "nape", [a, b, d, c]))
+            # fine where the outline of the head runs, seen from the front or the side
+            seen = column < (2, 4, 4, 4, 2, 2, 0)[k]
+            patch = ("forehead" if seen else "temple") if k == 0 else "scalp" if seen else "nape"
+            faces.append((patch, [a, b, d, c]))
     faces += [("neck", q) for q in _strips(["", "n", "e"], NECK_RING, False)]
     faces += [("cavity", q) for q in _strips(["M0", "V1"], MOUTH, False)]
     for k in range(4):

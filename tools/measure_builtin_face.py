@@ -22,9 +22,9 @@ from facewright.faces.builtin_parts import EYE_CENTRE, HANDLES, HANDLE_MIRROR, h
 OUT = Path(__file__).parents[1] / "src/facewright/faces/data/builtin_face.npz"
 N_MODES = 60
 GAZE_DEGREES = 24.0
-COARSE = {"nostril_floor", "ear", "neck", "cavity", "forehead", "side", "nape"}
+COARSE = {"nostril_floor", "ear", "neck", "cavity", "temple", "side", "nape"}
 PART_OF_PATCH = {"side": 1, "ear": 1, "neck": 1, "scalp": 1, "nape": 1, "cavity": 2}
-PATCH_NAMES = ("face", "eye", "lip", "inner_lip", "nostril", "nostril_floor", "forehead", "scalp", "nape", "side", "ear", "neck", "cavity")
+PATCH_NAMES = ("face", "eye", "lip", "inner_lip", "nostril", "nostril_floor", "forehead", "temple", "scalp", "nape", "side", "ear", "neck", "cavity")
 
 
 SEALED = ("cheekPuff", "cheekSquint", "mouthDimple", "mouthFrown", "mouthPress", "mouthSmile", "mouthStretch")

@@ -103,6 +103,7 @@ def build_paint_map(face: Face) -> PaintMap:
 def _parts(channels: dict[str, NDArray], face: Face) -> None:
     """Mark teeth, flesh, cavity and eyeballs by the names of the parts."""
     mean = face.mean_shape
+    channels["depth_in_mouth"][face.topology.masks.get("nostril_insides", np.empty(0, dtype=np.int32))] = 0.9
     lips_z = float(mean[face.topology.masks["lips"], 2].max())
     for name, (start, stop) in face.topology.parts.items():
         part = slice(start, stop)
@@ -163,10 +164,12 @@ def _scalp(skin: NDArray, points: NDArray) -> NDArray[np.float64]:
     # Temples recede: the line climbs towards the sides of the forehead.
     receding = 0.06 * length * np.exp(-0.5 * ((np.abs(skin[:, 0]) - 0.38 * length) / (0.12 * length)) ** 2)
     height = height - receding * (skin[:, 2] > top[2] - 0.35 * length)
-    ear = np.abs(skin[:, 0]) > 1.03 * np.abs(points[[1, 13], 0]).mean()
-    low = skin[:, 1] < brow[1] + 0.10 * length
-    height[ear & low] = -99.0
-    return np.clip(0.5 + height / 12.0, 0.0, 1.0)
+    # No hair on the ears: beside the face's outline it stays above the brows.
+    inside = 1.03 * np.abs(points[[1, 13], 0]).mean() - np.abs(skin[:, 0])
+    above = skin[:, 1] - (brow[1] + 0.10 * length)
+    height = np.minimum(height, np.maximum(inside, above))
+    # past 0 and 1, so that the line stays straight across coarse triangles
+    return np.clip(0.5 + height / 12.0, -1.5, 2.5)
 
 
 def _brow_curve(points: NDArray) -> NDArray[np.float64]:
