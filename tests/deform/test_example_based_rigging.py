@@ -102,7 +102,7 @@ def test_imperfect_poses_beat_the_generic_shapes_on_unseen_expressions(person, r
 
 
 def test_reach_is_the_product_of_weight_and_amplitude(person, rng):
-    neutral, _, generic, _ = person
+    _, _, generic, _ = person
     guide = np.eye(10)
     amplitude = rng.uniform(0.8, 1.2, 10)
     moved = generic * amplitude[:, None, None]
