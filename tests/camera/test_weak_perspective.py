@@ -57,8 +57,8 @@ def test_zero_weights_ignore_points(points, rng):
 
 def test_a_start_is_refined(points, rng):
     truth = camera(rng)
-    near = WeakPerspective(truth.scale * 1.2, rotation_from_head_angles(5, 5, 5) @ np.diag([1, -1, -1]) @ truth.rotation,
-                           truth.translation)  # fmt: skip
+    turn = rotation_from_head_angles(5, 5, 5) @ np.diag([1, -1, -1])
+    near = WeakPerspective(truth.scale * 1.2, turn @ truth.rotation, truth.translation)
     found = estimate_weak_perspective(points, truth.project(points), start=near, iterations=30)
     assert rotation_angle(found.rotation, truth.rotation) < 1e-7
 

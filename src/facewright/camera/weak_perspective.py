@@ -105,6 +105,8 @@ def estimate_weak_perspective(
     root = np.sqrt(w / total)[:, None]
     mean_v, mean_p = root[:, 0] ** 2 @ points, root[:, 0] ** 2 @ pixels
     v, p = root * (points - mean_v), root * (pixels - mean_p)
+    if np.linalg.norm(p) <= 1e-9 * (1.0 + np.linalg.norm(mean_p)):
+        raise DegenerateError("pixels must not lie in one spot, which gives no scale.")
     if start is None:
         scale, rotation = _affine_start(v, p)
     else:
@@ -126,8 +128,6 @@ def _affine_start(v: NDArray[np.float64], p: NDArray[np.float64]) -> tuple[float
     A = (Vt.T @ ((U.T @ p) / d[:, None])).T  # (2, 3)
     U2, d2, Vt2 = np.linalg.svd(A, full_matrices=False)
     scale = float(d2.mean())
-    if not scale > 0:
-        raise DegenerateError("points and pixels must determine a scale: the pixels lie in one spot.")
     rows = U2 @ Vt2
     return scale, np.vstack([rows, np.cross(rows[0], rows[1])])
 

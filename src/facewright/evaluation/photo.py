@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from facewright.camera.rotation import rotation_angle
 from facewright.errors import MissingExtraError, ValueRangeError
+from facewright.evaluation.mesh_distance import MeshDistance, mesh_distance
 from facewright.evaluation.simulated_photo import SimulatedPhoto, simulate_photo
-from facewright.evaluation.surface_distance import MeshDistance, mesh_distance
 from facewright.faces.face import Face
 from facewright.fitting.image import PhotoFit, PhotoFitter
 from facewright.landmarks.contour import face_region

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-# All kernels take C-contiguous arrays; sums over short rows are vectorised by the compiler (fastmath reorders them).
+# All kernels take C-contiguous arrays. Sums may be reordered, so that they vectorise; NaN keeps its meaning.
+_REORDER = {"reassoc", "contract", "nsz"}
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=_REORDER)
 def contract_last(core, w):  # type: ignore[no-untyped-def]
     """Return core (K, N, E) times w (E,): (K, N) float64."""
     K, N, E = core.shape
@@ -22,7 +23,7 @@ def contract_last(core, w):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=_REORDER)
 def contract_first(core, c):  # type: ignore[no-untyped-def]
     """Return c (K,) times core (K, M): (M,) float64; the first weight is 1."""
     K, M = core.shape
@@ -35,7 +36,7 @@ def contract_first(core, c):  # type: ignore[no-untyped-def]
     return out.astype(np.float64)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=_REORDER)
 def normal_equations(J, w, r):  # type: ignore[no-untyped-def]
     """Return J^T diag(w) J (P, P) and J^T diag(w) r (P,) of J (N, P)."""
     N, P = J.shape
@@ -57,7 +58,7 @@ def normal_equations(J, w, r):  # type: ignore[no-untyped-def]
     return H, g
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=_REORDER)
 def solve_spd(A, B):  # type: ignore[no-untyped-def]
     """Solve A X = B for symmetric positive definite A (P, P) and B (P, M); NaN where A is not definite."""
     P = A.shape[0]
