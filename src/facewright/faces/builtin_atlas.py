@@ -81,20 +81,51 @@ def _place(uv: NDArray[np.float64], name: str) -> NDArray[np.float64]:
 
 
 def _part_uv(part: Part, name: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return texture points and corners of a part; a tube of teeth is slit along its last row."""
+    """Return texture points and corners of a part: an eyeball cut at its back pole, a tube of teeth along its top."""
+    return _eye_uv(part) if name.startswith("eyeball") else _teeth_uv(part, flip=name.endswith("upper"))
+
+
+def _eye_uv(part: Part) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Give each triangle at the back pole a pole of its own, on the rim of the disc."""
     uv, quads = part.uv, part.quads.astype(np.int64)
-    if not name.startswith("teeth"):
-        return uv, quads
+    pole = len(uv) - 1
+    fan = np.flatnonzero((quads == pole).any(axis=1))
+    middle = uv[quads[fan, :3]].sum(axis=1) - uv[pole] - 1.0  # twice the middle of the two others, from the centre
+    rim = 0.5 + 0.5 * middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    quads[fan] = np.where(quads[fan] == pole, (pole + np.arange(len(fan)))[:, None], quads[fan])
+    return np.concatenate([uv[:pole], rim]), quads
+
+
+def _teeth_uv(part: Part, flip: bool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Unroll the tube: quads from its last row back to its first take copies of the first above the last."""
+    uv, quads = part.uv, part.quads.astype(np.int64)
     last = uv[:, 1].max()
     first_row = np.flatnonzero(uv[:, 1] == 0.0)
     copy_of = np.arange(len(uv))
     copy_of[first_row] = len(uv) + np.arange(len(first_row))
-    # quads that join the last row to the first take the copies above the last row
     v = uv[quads, 1]
     closing = (v == 0.0).any(axis=1) & (v == last).any(axis=1)
-    quads = np.where(closing[:, None], copy_of[quads], quads)
-    above = np.stack([uv[first_row, 0], np.full(len(first_row), last * 1.2)], axis=1)
-    out = np.concatenate([uv, above])
+    quads = np.where(closing[:, None] & (quads >= 0), copy_of[quads], quads)
+    out = np.concatenate([uv, np.stack([uv[first_row, 0], np.full(len(first_row), last * 1.25)], axis=1)])
     out[:, 1] /= out[:, 1].max()
+    if flip:
+        out[:, 1] = 1.0 - out[:, 1]
     out[:, 0] = 0.02 + 0.96 * out[:, 0]
-    return out, quads
+    return _cap_uv(part, out, quads)
+
+
+def _cap_uv(
+    part: Part, uv: NDArray[np.float64], quads: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Put each end of the tube (a quad and a triangle, listed last) on a small island beside the strip."""
+    for rows, centre in (((-4, -3), 0.009), ((-2, -1), 0.991)):
+        # the quad's corners go round the pentagon with one vertex left out, which is the triangle's middle
+        quad, triangle = part.quads[rows[0]], part.quads[rows[1], :3]
+        ring = [quad[0], quad[1], triangle[np.isin(triangle, quad, invert=True)][0], quad[2], quad[3]]
+        turn = 2.0 * np.pi * np.arange(5) / 5
+        island = np.stack([centre + 0.007 * np.cos(turn), 0.5 + 0.3 * np.sin(turn)], axis=1)
+        place = {int(v): len(uv) + k for k, v in enumerate(ring)}
+        for row in rows:
+            quads[row] = [place.get(int(v), -1) for v in part.quads[row]]
+        uv = np.concatenate([uv, island])
+    return uv, quads
