@@ -40,7 +40,8 @@ EXPRESSION_NAMES: tuple[str, ...] = (
 # Shapes that pull one place two ways, or that nobody can do together.
 OPPOSED: tuple[tuple[str, ...], ...] = (
     ("jawLeft", "jawRight"),
-    ("mouthLeft", "mouthRight"),
+    ("mouthLeft", "mouthRight", "mouthPucker", "mouthFunnel", "mouthRollLower"),
+    ("mouthLeft", "mouthRight", "mouthPucker", "mouthFunnel", "mouthRollUpper"),
     ("eyeBlink_L", "eyeWide_L"),
     ("eyeBlink_R", "eyeWide_R"),
     ("eyeBlink_L", "eyesLookDown"),

@@ -169,9 +169,11 @@ class _Simulator:
         topology = face.topology
         V = topology.n_vertices
         labels = vertex_components(topology.faces, V)
-        self.skin = np.arange(face.n_skin)
+        self.skin = slice(0, face.n_skin)
         surface = np.isin(labels, np.unique(labels[self.skin]))
-        self.surface = np.flatnonzero(surface)
+        ids = np.flatnonzero(surface)
+        # A slice where it can be one (skin parts come first), which spares copies of all shapes.
+        self.surface: slice | NDArray[np.intp] = slice(0, len(ids)) if len(ids) == ids[-1] + 1 else ids
         number = np.cumsum(surface) - 1
         self.surface_faces = number[topology.faces[surface[topology.faces].all(axis=1)]]
         self.mean = face.mean_shape.astype(np.float64)
@@ -183,6 +185,8 @@ class _Simulator:
         rigid_ids = np.concatenate([np.empty(0, int), *(motion.vertices for motion in self.rigid)])
         self.loose = np.setdiff1d(np.flatnonzero(~surface), rigid_ids)
         self._prepare_followers()
+        self.source = self.mean[self.surface]
+        self.source_poses = self.source + self.generic[:, self.surface]
         self.partner = np.array([face.blendshape_names.index(mirrored_name(n)) for n in face.blendshape_names])
         self.reach = self._reach()
 
@@ -222,26 +226,28 @@ class _Simulator:
     def _skin_fields(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return (count, V, 3) smooth random fields with an RMS length of 1 over the skin."""
         fields = smooth_random_field(self.mean, rng.uniform(*CORRELATION_MM), 1.0, rng, n_fields=count)
-        return fields / _rms(fields[:, self.skin])[:, None, None]
+        fields /= _rms(fields[:, self.skin])[:, None, None]
+        return fields
 
     def person(self, neutral: NDArray[np.float32], rng: np.random.Generator) -> SimulatedPerson:
         """Return the person with this neutral (V, 3)."""
         amplitudes = self._amplitudes(rng)
+        scale = amplitudes[:, None, None]
         rest = neutral.astype(np.float64)
-        source = self.mean[self.surface]
-        transfer = DeformationTransfer(source, rest[self.surface], self.surface_faces)
-        carried = transfer.transfer(source + self.generic[:, self.surface]) - rest[self.surface]
-        deltas = amplitudes[:, None, None] * self.generic
-        deltas[:, self.surface] = amplitudes[:, None, None] * carried
+        transfer = DeformationTransfer(self.source, rest[self.surface], self.surface_faces)
+        deltas = scale * self.generic
+        deltas[:, self.surface] = scale * (transfer.transfer(self.source_poses) - rest[self.surface])
         offsets = {name: contact.offsets(deltas) for name, contact in self.contacts.items()}
-        field = self._skin_fields(len(deltas), rng) * self.reach[:, :, None]
+        field = self._skin_fields(len(deltas), rng)
+        field *= self.reach[:, :, None]
         size = PERTURBATION * _rms(deltas[:, self.skin]) / np.maximum(_rms(field[:, self.skin]), 1e-12)
         field *= size[:, None, None]
         deltas[:, self.surface] += field[:, self.surface]
         self._keep_contacts(rest, deltas, offsets)
-        difference = deltas[:, self.surface] - amplitudes[:, None, None] * self.generic[:, self.surface]
-        for k in range(self.follow_weights.shape[1]):
-            deltas[:, self.loose] += self.follow_weights[:, k, None] * difference[:, self.follow_ids[:, k]]
+        if len(self.loose):
+            difference = deltas[:, self.surface] - scale * self.generic[:, self.surface]
+            for k in range(self.follow_weights.shape[1]):
+                deltas[:, self.loose] += self.follow_weights[:, k, None] * difference[:, self.follow_ids[:, k]]
         for motion in self.rigid:
             deltas[:, motion.vertices] = motion.deltas(rest[motion.vertices], amplitudes)
         self._clear_eyeballs(rest, deltas)
@@ -307,7 +313,7 @@ class _Simulator:
 
 def _rms(fields: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the RMS length of displacements (N, V, 3) per field, shape (N,)."""
-    return np.sqrt((fields**2).sum(axis=2).mean(axis=1))
+    return np.sqrt(np.einsum("nvc,nvc->n", fields, fields) / max(fields.shape[1], 1))
 
 
 @lru_cache(maxsize=4)
