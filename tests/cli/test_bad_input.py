@@ -275,6 +275,16 @@ def test_fits_of_another_model(weights, small_model, tmp_path, refused):
     assert "fit.json" in refused("export", tmp_path / "a.glb", "--model", small_model, "--fit", tmp_path / "fit.json")
 
 
+@pytest.mark.parametrize(
+    "change", [{"model": {"topology": "0123456789abcdef"}}, {"version": 2}, {"version": "x"}, {"format": "poem"}]
+)
+def test_fits_of_another_topology_version_or_kind(change, small_model, tmp_path, refused):
+    good = {"format": "facewright photo fit", "version": 1, "identity_weights": [1.0, 0.0, 0.0]}
+    (tmp_path / "fit.json").write_text(json.dumps(good | change))
+    sentence = refused("export", tmp_path / "a.glb", "--model", small_model, "--fit", tmp_path / "fit.json")
+    assert "fit.json" in sentence and not (tmp_path / "a.glb").exists()
+
+
 # ---- disks and interruption ----
 
 

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 
+FIT_FORMAT = "facewright photo fit"
+
 
 @dataclass(frozen=True)
 class ExportPersonRequest:
@@ -130,13 +132,17 @@ def _fitted_identity(path: Path, model: BilinearModel) -> NDArray[np.float64]:
     from facewright.faces.blendshape_names import read_json
 
     content = read_json(path)
-    weights = content.get("identity_weights") if isinstance(content, dict) else None
-    origin = content.get("model") if isinstance(content, dict) else None
+    content = content if isinstance(content, dict) else {}
+    if content.get("format", FIT_FORMAT) != FIT_FORMAT or content.get("version", 1) != 1:
+        found = f"{content.get('format', FIT_FORMAT)!r} version {content.get('version', 1)!r}"
+        raise FileFormatError(f"{path} must be {FIT_FORMAT!r} version 1, got {found}.")
+    origin = content.get("model")
     topology = origin.get("topology") if isinstance(origin, dict) else None
     if topology not in (None, model.topology.fingerprint):
         raise TopologyError(
             f"{path} must be a fit of topology {model.topology.fingerprint}, the model's, got {topology!r}."
         )
+    weights = content.get("identity_weights")
     try:
         w_id = np.array(weights, dtype=np.float64)
     except (TypeError, ValueError):
