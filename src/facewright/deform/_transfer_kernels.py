@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def accumulate_transfer(faces, frames, carriers, poses, rhs):  # type: ignore[no-untyped-def]
-    """Add sum_j w_j (Q_j - 1) grad(hat) of every pose (T, V, 3) to rhs (V, T, 3).
+    """Add sum_j w_j (Q_j - 1) grad(hat) of every pose (T, V, 3) to rhs (T, V, 3).
 
     frames (F, 3, 3) are the source's neutral frames V; carriers (F, 3, 2) hold w_j V_j^-1 [grad hat_2, grad hat_3],
     the gradients being the target's, so that (V~ - V) carriers is the column pair that corners 2 and 3 receive;
@@ -34,6 +34,6 @@ def accumulate_transfer(faces, frames, carriers, poses, rhs):  # type: ignore[no
                 d2 = D[r, 2] - frames[j, r, 2]
                 second = d0 * carriers[j, 0, 0] + d1 * carriers[j, 1, 0] + d2 * carriers[j, 2, 0]
                 third = d0 * carriers[j, 0, 1] + d1 * carriers[j, 1, 1] + d2 * carriers[j, 2, 1]
-                rhs[b, t, r] += second
-                rhs[c, t, r] += third
-                rhs[a, t, r] -= second + third
+                rhs[t, b, r] += second
+                rhs[t, c, r] += third
+                rhs[t, a, r] -= second + third

@@ -13,7 +13,9 @@ from facewright.mesh.connectivity import vertex_components
 from facewright.mesh.triangle_frames import degenerate_triangles, inverse_frames, triangle_frames
 from facewright.numeric.check import check_choice, check_finite, check_indices, check_shape
 from facewright.numeric.sparse_solve import SymmetricSolver
+from facewright.numeric.threads import for_blocks
 
+_POSE_BLOCK = 4  # poses that a thread takes at once
 _STILL_MM = 0.1  # source vertices that move less than about this hold their component in place
 
 
@@ -186,21 +188,33 @@ class DeformationTransfer:
         """Return G^T w (Q - 1) of every pose, shape (V, T, 3)."""
         from facewright.deform._transfer_kernels import accumulate_transfer
 
-        rhs = np.zeros((poses.shape[1], poses.shape[0], 3))
-        accumulate_transfer(self._faces, self._source_frames, self._carriers, poses, rhs)
-        return rhs
+        rhs = np.zeros(poses.shape)
+
+        def accumulate_block(start: int, stop: int) -> None:
+            block = poses[start:stop]
+            accumulate_transfer(self._faces, self._source_frames, self._carriers, block, rhs[start:stop])
+
+        for_blocks(len(poses), _POSE_BLOCK, accumulate_block)
+        return np.ascontiguousarray(rhs.transpose(1, 0, 2))
 
     def _place(self, solution: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """Add each component's translation to solution (V, T, 3); return displacements (T, V, 3)."""
-        T, V, _ = poses.shape
-        moved = poses - self.source_neutral
-        anchored = self._anchored[None, :]
-        weights = np.where(anchored < 0, 1.0 / ((moved**2).sum(axis=2) + _STILL_MM**2), anchored)
-        displacements = solution.transpose(1, 0, 2)
-        error = ((moved - displacements) * weights[:, :, None]).transpose(1, 0, 2).reshape(V, T * 3)
-        sums = (self._members @ error).reshape(self._members.shape[0], T, 3)
-        shift = sums / (self._members @ weights.T)[:, :, None]
-        return displacements + shift[self._labels].transpose(1, 0, 2)
+        displacements = np.zeros(poses.shape)
+
+        def place_block(start: int, stop: int) -> None:
+            moved = poses[start:stop] - self.source_neutral
+            block = displacements[start:stop]
+            block[:] = solution[:, start:stop].transpose(1, 0, 2)
+            still = 1.0 / (np.einsum("tvx,tvx->tv", moved, moved) + _STILL_MM**2)
+            weights = np.where(self._anchored < 0, still, self._anchored)
+            moved -= block
+            moved *= weights[:, :, None]
+            for error, weight, result in zip(moved, weights, block):
+                shift = (self._members @ error) / (self._members @ weight)[:, None]
+                result += shift[self._labels]
+
+        for_blocks(len(poses), _POSE_BLOCK, place_block)
+        return displacements
 
 
 def _gradient_matrix(
