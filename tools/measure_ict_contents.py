@@ -1,4 +1,4 @@
-"""Measure the fingerprint that `facewright faces install ict` checks: python tools/measure_ict_contents.py COMPACT.npz."""
+"""Measure the fingerprint that `facewright faces install ict` checks: python measure_ict_contents.py COMPACT.npz."""
 
 import json
 import sys
