@@ -10,13 +10,33 @@ from builtin_atlas import FACE_GAIN, flatten, flatten_disc
 from builtin_cage import EYE, MOUTH
 from builtin_solve import Measurement
 
-from facewright.faces.builtin import _diagonals, split_quads
+from facewright.faces.builtin import shorter_diagonals, split_quads
 from facewright.faces.builtin_mesh import ControlMesh
 
 DATA = Path(__file__).parents[1] / "src/facewright"
 NOSE = {"N0", "N1", "N2", "N3", "N4", "N5", "D0", "D1", "D2", "D3", "S2", "A0", "A1", "A2", "T", "AL1", "AL2", "AL3",
         "P1", "Q0", "Q1", "Q2", "Q3", "Q4", "Q5", "q0", "q1", "q2", "q3", "q4", "q5", "pit"}  # fmt: skip
-CHEEK = {"F1", "F2", "F3", "F4", "F5", "A2", "G3", "G4", "G5", "X", "K0", "K1", "K2", "I5", "I2", "K3", "I3", "T5", "H5"}
+CHEEK = {
+    "F1",
+    "F2",
+    "F3",
+    "F4",
+    "F5",
+    "A2",
+    "G3",
+    "G4",
+    "G5",
+    "X",
+    "K0",
+    "K1",
+    "K2",
+    "I5",
+    "I2",
+    "K3",
+    "I3",
+    "T5",
+    "H5",
+}
 CHIN = {"M4L0", "M4L1", "M4L2", "K5", "K6", "K7", "J4", "J5", "J6"}
 
 
@@ -157,7 +177,8 @@ class Annotator:
         all_quads = self.control.quads
         cavity = self.cavity_quads()
         quads = all_quads[~cavity]
-        triangles = split_quads(quads, _diagonals(self.points, quads))
+        key = np.minimum(np.arange(len(self.points)), self.control.mirror)
+        triangles = split_quads(quads, shorter_diagonals(self.points, quads, key))
         seam = self.path(["eX0", "nX0", "X0", "s6_0", "s5_0", "s4_0"])
         important = np.ones(self.n_skin)
         important[self.control.parts["face"][0] : self.control.parts["face"][1]] = FACE_GAIN
@@ -165,7 +186,7 @@ class Annotator:
         inner = all_quads[cavity]
         used = np.unique(inner[inner >= 0])
         local = np.where(inner >= 0, np.searchsorted(used, np.maximum(inner, 0)), -1)
-        disc = flatten_disc(split_quads(local, _diagonals(self.points[used], local)), len(used))
+        disc = flatten_disc(split_quads(local, shorter_diagonals(self.points[used], local, key[used])), len(used))
         return {
             "skin_uv": np.round(uv * 65535).astype(np.uint16),
             "skin_seam": seam.astype(np.int16),

@@ -138,9 +138,7 @@ def _mean_value(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, 
     return matrix.row, matrix.col, matrix.data
 
 
-def _stretch(
-    points: np.ndarray, triangles: np.ndarray, uv: np.ndarray, gain: np.ndarray
-) -> tuple[np.ndarray, float]:
+def _stretch(points: np.ndarray, triangles: np.ndarray, uv: np.ndarray, gain: np.ndarray) -> tuple[np.ndarray, float]:
     """Root-mean-square stretch of the map from the plane to the surface, per vertex and in all (Sander 2001)."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     p, q, r = (uv[triangles[:, k]] for k in range(3))

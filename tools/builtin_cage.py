@@ -6,6 +6,7 @@ back-of-head sheet; thousandths, y downwards), a ray (from a point inside the he
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -62,8 +63,8 @@ NECK_RAYS = {  # ring point -> angle in degrees from straight ahead, about the n
 NECK_RING = list(NECK_RAYS)
 NECK_HEIGHTS = {"": {"W": -40, "X5": -41, "X4": -43, "X3": -45, "X2": -46, "X1": -46, "X0": -46},
                 "n": {"W": -74, "X5": -78, "X4": -81, "X3": -83, "X2": -84, "X1": -85, "X0": -85},
-                "e": {"J6": -126, "J5": -126, "J4": -125, "J3": -123, "J2": -119, "W": -114, "X5": -111, "X4": -110, "X3": -110,
-                      "X2": -111, "X1": -112, "X0": -112}}  # fmt: skip
+                "e": {"J6": -126, "J5": -126, "J4": -125, "J3": -123, "J2": -119, "W": -114, "X5": -111, "X4": -110,
+                      "X3": -110, "X2": -111, "X1": -112, "X0": -112}}  # fmt: skip
 CAVITY = {  # the rim of the throat; the walls run from the lips straight past the teeth
     "V1": "0,-5,44 12,-5,44 24,-6,45 34,-10,46 40,-20,47 42,-33,48 40,-46,47 34,-56,46 24,-60,45 12,-61,44 0,-61,44",
 }
@@ -139,7 +140,7 @@ def _places() -> dict[str, tuple]:
 
 def _strips(rings: list[str], keys: list[str], closed: bool) -> list[list[str]]:
     quads = []
-    for inner, outer in zip(rings, rings[1:]):
+    for inner, outer in itertools.pairwise(rings):
         for a, b in zip(keys, keys[1:] + ([keys[0]] if closed else [])):
             quads.append([inner + a, inner + b, outer + b, outer + a])
     return quads
@@ -163,7 +164,7 @@ def _half_faces() -> list[tuple[str, list[str]]]:
     rows = [["MB", "BR0", "BR3", "BR4", "BR5", "TB", "b0"]]
     rows += [[f"s{r}_{c}" for c in range(6)] + [f"b{r}"] for r in range(1, len(SCALP_ROWS) + 1)]
     rows += [["X0", "X1", "X2", "X3", "X4", "X5"]]
-    for k, (upper, lower) in enumerate(zip(rows, rows[1:])):
+    for k, (upper, lower) in enumerate(itertools.pairwise(rows)):
         for column, (a, b, c, d) in enumerate(zip(upper, upper[1:], lower, lower[1:])):
             # fine where the outline of the head runs, seen from the front or the side
             seen = column < (2, 4, 4, 4, 2, 2, 0)[k]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from builtin_cage import EYE, MOUTH, Cage
 from builtin_surface import MeasuredSurface
@@ -78,7 +80,7 @@ class Measurement:
         cage, surface = self.cage, self.surface
         ring = ["M0" + k for k in MOUTH]
         other = [self.mirrored(x) for x in ring]
-        creases = [[cage.index(a), cage.index(b)] for r in (ring, other) for a, b in zip(r, r[1:])]
+        creases = [[cage.index(a), cage.index(b)] for r in (ring, other) for a, b in itertools.pairwise(r)]
         flat = subdivide_catmull_clark(cage.faces, self.n, levels=2, creases=creases).matrix
         known = np.isfinite(self.cage_uv[:, 0])
         by_uv = self.is_skin & (np.asarray(abs(flat) @ (~known).astype(float)).ravel() == 0)
@@ -104,7 +106,10 @@ class Measurement:
 
         Points of lips, lids, nostrils and ears keep their texture coordinates, which hold the features in place.
         """
-        held = np.isin(np.array(self.cage.patch)[self.parents], ["eye", "lip", "inner_lip", "nostril", "nostril_floor", "ear", "cavity"])
+        held = np.isin(
+            np.array(self.cage.patch)[self.parents],
+            ["eye", "lip", "inner_lip", "nostril", "nostril_floor", "ear", "cavity"],
+        )
         free = self.is_skin.copy()
         free[self.quads[held].ravel()] = False
         ids = np.flatnonzero(free)
@@ -167,7 +172,11 @@ class Measurement:
 
         `ties`: (rows of S difference, right-hand side) held with a large weight; `extra`: (dense ids, values, weight).
         """
-        rhs = self.rows.T @ (self.weight[:, None] * field) + self.pins.T @ cavity + SMOOTHNESS * self.L.T @ (self.L @ start)
+        rhs = (
+            self.rows.T @ (self.weight[:, None] * field)
+            + self.pins.T @ cavity
+            + SMOOTHNESS * self.L.T @ (self.L @ start)
+        )
         normal = self.normal.copy()
         for matrix, value in ties:
             normal += 1e7 * (matrix.T @ matrix).toarray()

@@ -30,9 +30,7 @@ class MeasuredSurface:
             self.sheets[name] = (rows, flat, cKDTree(flat.mean(axis=1)))
         corner_points = self.vertices[self.triangles]
         self.centres = cKDTree(corner_points.mean(axis=1))
-        normal = np.cross(
-            corner_points[:, 1] - corner_points[:, 0], corner_points[:, 2] - corner_points[:, 0]
-        )
+        normal = np.cross(corner_points[:, 1] - corner_points[:, 0], corner_points[:, 2] - corner_points[:, 0])
         self.normals = normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
     def at(self, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:

@@ -17,14 +17,29 @@ from builtin_cage import build_cage
 from builtin_solve import MIRROR_X, Measurement
 
 from facewright.faces.builtin_mesh import build_control_mesh
-from facewright.faces.builtin_parts import EYE_CENTRE, HANDLES, HANDLE_MIRROR, handle_weights
+from facewright.faces.builtin_parts import EYE_CENTRE, HANDLE_MIRROR, HANDLES, handle_weights
 
 OUT = Path(__file__).parents[1] / "src/facewright/faces/data/builtin_face.npz"
 N_MODES = 60
 GAZE_DEGREES = 24.0
 COARSE = {"nostril_floor", "ear", "neck", "cavity", "temple", "side", "nape"}
 PART_OF_PATCH = {"side": 1, "ear": 1, "neck": 1, "scalp": 1, "nape": 1, "cavity": 2}
-PATCH_NAMES = ("face", "eye", "lip", "inner_lip", "nostril", "nostril_floor", "forehead", "temple", "scalp", "nape", "side", "ear", "neck", "cavity")
+PATCH_NAMES = (
+    "face",
+    "eye",
+    "lip",
+    "inner_lip",
+    "nostril",
+    "nostril_floor",
+    "forehead",
+    "temple",
+    "scalp",
+    "nape",
+    "side",
+    "ear",
+    "neck",
+    "cavity",
+)
 
 
 SEALED = ("cheekPuff", "cheekSquint", "mouthDimple", "mouthFrown", "mouthPress", "mouthSmile", "mouthStretch")
@@ -164,7 +179,7 @@ def _balanced(t: Table, shapes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     result = {}
     for name in shapes:
         other = name[:-2] + swap[name[-2:]] if name[-2:] in swap else name
-        if name not in swap and (name.endswith("Left") or name.endswith("Right")):
+        if name not in swap and (name.endswith(("Left", "Right"))):
             other = name.replace("Left", "#").replace("Right", "Left").replace("#", "Right")
         result[name] = 0.5 * (shapes[name] + t.mirrored(shapes[other]))
     return result

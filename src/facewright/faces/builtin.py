@@ -16,8 +16,8 @@ from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.faces.builtin_atlas import build_atlas
 from facewright.faces.builtin_mesh import ControlMesh, build_control_mesh
 from facewright.faces.builtin_parts import (
-    IRIS_RINGS,
     EYE_SEGMENTS,
+    IRIS_RINGS,
     PUPIL_RINGS,
     Part,
     build_rigid_parts,
@@ -100,9 +100,7 @@ def _expand(matrix: sparse.csr_matrix, tables: NDArray[np.float64]) -> NDArray[n
     return np.ascontiguousarray(flat.reshape(-1, n, 3).transpose(1, 0, 2), dtype=np.float32)
 
 
-def _layout(
-    control: ControlMesh, rigid: Mapping[str, Part]
-) -> tuple[dict[str, tuple[int, int]], NDArray[np.int32]]:
+def _layout(control: ControlMesh, rigid: Mapping[str, Part]) -> tuple[dict[str, tuple[int, int]], NDArray[np.int32]]:
     """Return the vertex range of each part and the mirror map of all vertices."""
     parts, stop = dict(control.parts), len(control.mirror)
     for name, part in rigid.items():
@@ -128,7 +126,7 @@ def _topology(
         quads.append(np.where(part.quads >= 0, part.quads + parts[name][0], -1).astype(np.int32))
     all_quads = np.concatenate(quads)
     uv, uv_quads = build_atlas(data, control, rigid, mean)
-    along_13 = _diagonals(mean, all_quads)
+    along_13 = shorter_diagonals(mean, all_quads, np.minimum(np.arange(len(mirror)), mirror))
     return Topology(
         name="builtin",
         n_vertices=len(mean),
@@ -152,11 +150,18 @@ def _masks(data: Mapping[str, NDArray], parts: Mapping[str, tuple[int, int]]) ->
     return masks
 
 
-def _diagonals(points: NDArray[np.float64], quads: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Tell which quads to split along corners 1-3, the clearly shorter way; mirror images split alike."""
+def shorter_diagonals(
+    points: NDArray[np.float64], quads: NDArray[np.int32], key: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Tell which quads to split along corners 1-3: the clearly shorter way, else through the corner of smallest key.
+
+    With a key that mirror images share, both halves of the face split alike.
+    """
     d02 = np.linalg.norm(points[quads[:, 0]] - points[quads[:, 2]], axis=1)
     d13 = np.linalg.norm(points[quads[:, 1]] - points[quads[:, 3]], axis=1)
-    return (quads[:, 3] >= 0) & (d13 < d02 - 1e-4)
+    keys = key[quads]
+    first = np.where(np.abs(d13 - d02) < 1e-4, keys[:, [1, 3]].min(axis=1) < keys[:, [0, 2]].min(axis=1), d13 < d02)
+    return (quads[:, 3] >= 0) & first
 
 
 def split_quads(quads: NDArray[np.int32], along_13: NDArray[np.bool_]) -> NDArray[np.int32]:

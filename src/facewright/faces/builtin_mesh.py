@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,9 @@ def build_control_mesh(
     fine_of_first = is_fine[first.parents]
 
     fine = second.faces[fine_of_first[second.parents]]
-    coarse, coarse_parent = _stitch(first.faces, fine_of_first, second.edges, n_first)
+    dense_mirror = _dense_mirror(first.edges, second.edges, first.faces, cage_faces, cage_mirror)
+    key = np.minimum(np.arange(len(dense_mirror)), dense_mirror)  # what mirror images share
+    coarse, coarse_parent = _stitch(first.faces, fine_of_first, second.edges, n_first, key)
     parents = np.concatenate([first.parents[second.parents[fine_of_first[second.parents]]],
                               first.parents[coarse_parent]])  # fmt: skip
     quads = np.concatenate([fine, coarse])
@@ -81,7 +84,7 @@ def build_control_mesh(
     new_index[order] = np.arange(len(order))
     stops = np.searchsorted(owner[order], np.arange(len(SKIN_PARTS)), side="right")
     starts = np.concatenate([[0], stops[:-1]])
-    mirror = new_index[_dense_mirror(first.edges, second.edges, first.faces, cage_faces, cage_mirror)[order]]
+    mirror = new_index[dense_mirror[order]]
     return ControlMesh(
         matrix[order],
         new_index[quads].astype(np.int32),
@@ -92,7 +95,7 @@ def build_control_mesh(
 
 
 def _stitch(
-    faces: NDArray[np.int32], is_fine: NDArray[np.bool_], edges: NDArray[np.int32], n: int
+    faces: NDArray[np.int32], is_fine: NDArray[np.bool_], edges: NDArray[np.int32], n: int, key: NDArray[np.int64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Return the faces not subdivided further, with triangles where a side carries a point of a finer neighbour."""
     split = np.zeros(len(edges), bool)
@@ -103,16 +106,15 @@ def _stitch(
     out, parent = [faces[keep[~touched]]], [keep[~touched]]
     for f in keep[touched]:  # a few hundred faces along the border
         polygon: list[int] = []
-        start = 0
+        extra: list[int] = []
         for k in range(4):
             polygon.append(int(faces[f, k]))
             if split[side_edge[f, k]]:
-                start = len(polygon)
-                polygon.append(n + int(side_edge[f, k]))
+                extra.append(n + int(side_edge[f, k]))
+                polygon.append(extra[-1])
+        start = polygon.index(min(extra, key=lambda v: key[v]))  # the same one on both halves of the face
         ring = polygon[start:] + polygon[:start]
-        fan = [[ring[0], a, b, -1] for a, b in zip(ring[1:], ring[2:])]
-        if len(ring) == 5:  # one split side: a triangle and a quad
-            fan = [[ring[0], ring[1], ring[2], -1], [ring[0], ring[2], ring[3], ring[4]]]
+        fan = [[ring[0], a, b, -1] for a, b in itertools.pairwise(ring[1:])]
         out.append(np.array(fan, np.int32))
         parent.append(np.full(len(fan), f))
     return np.concatenate(out).astype(np.int32), np.concatenate(parent)

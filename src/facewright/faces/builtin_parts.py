@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 # corneal bulge. The rings at 8.5 and 20.5 degrees are the borders of pupil and iris.
 EYE_CENTRE = (31.24, 36.07, 78.74)
 EYE_RINGS = (4.5, 8.5, 14.5, 20.5, 23.5, 32.0, 45.0, 66.0, 110.0)
-EYE_RADII = (17.35, 17.30, 17.15, 16.85, 16.50, 15.95, 15.60, 15.50, 15.35)
-EYE_POLES = (17.38, 15.25)
+EYE_RADII = (17.10, 17.06, 16.92, 16.62, 16.28, 15.73, 15.40, 15.30, 15.15)
+EYE_POLES = (17.13, 15.05)
 EYE_SEGMENTS = 16
 PUPIL_RINGS, IRIS_RINGS = 2, 4
 

@@ -116,9 +116,7 @@ def _subdivide_once(
     hard = (faces_of_edge == 1) | _is_crease(edges, sharp)
 
     face_points = sparse.csr_matrix((1.0 / sides[corner_face], (corner_face, corner)), shape=(F, V))
-    midpoints = sparse.csr_matrix(
-        (np.full(2 * E, 0.5), (np.repeat(np.arange(E), 2), edges.reshape(-1))), shape=(E, V)
-    )
+    midpoints = sparse.csr_matrix((np.full(2 * E, 0.5), (np.repeat(np.arange(E), 2), edges.reshape(-1))), shape=(E, V))
     faces_at_edge = sparse.csr_matrix((np.ones(len(corner)), (edge_of_corner, corner_face)), shape=(E, F))
     smooth_edge = 0.5 * midpoints + 0.25 * (faces_at_edge @ face_points)
     edge_points = _pick_rows(hard, midpoints, smooth_edge)
@@ -130,9 +128,7 @@ def _subdivide_once(
     previous = first[corner_face] + (slot - 1) % sides[corner_face]
     quads = np.stack([corner, V + edge_of_corner, V + E + corner_face, V + edge_of_corner[previous]], axis=1)
     sharp_ids = np.flatnonzero(_is_crease(edges, sharp))
-    finer_sharp = np.concatenate(
-        [np.stack([edges[sharp_ids, side], V + sharp_ids], axis=1) for side in (0, 1)]
-    )
+    finer_sharp = np.concatenate([np.stack([edges[sharp_ids, side], V + sharp_ids], axis=1) for side in (0, 1)])
     return (
         Subdivision(matrix, quads.astype(np.int32), edges.astype(np.int32), corner_face.astype(np.int32)),
         finer_sharp,
