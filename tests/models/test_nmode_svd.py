@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facewright.errors import ShapeError, ValueRangeError
-from facewright.models.nmode_svd import gram_matrix, nmode_svd
+from facewright.models.nmode_svd import SINGLE_NOISE_FLOOR, gram_matrix, nmode_svd
 
 _spec = importlib.util.spec_from_file_location("reference_bilinear", Path(__file__).with_name("reference_bilinear.py"))
 reference = importlib.util.module_from_spec(_spec)
@@ -117,6 +117,14 @@ def test_signs_repeat(population):
     a, b = nmode_svd(population, 5, 4), nmode_svd(population.copy(), 5, 4)
     np.testing.assert_array_equal(a.identity_factors, b.identity_factors)
     assert (np.take_along_axis(a.identity_factors, np.abs(a.identity_factors).argmax(0)[None], 0) > 0).all()
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_single_precision_noise_stays_below_the_stated_floor(tensor_maker, mode):
+    tensor = tensor_maker(np.random.default_rng(0), n_people=20, n_shapes=12, n_vertices=15_000)
+    double = gram_matrix(tensor, mode, precision="double")
+    noise = np.linalg.norm(gram_matrix(tensor, mode) - double, 2) / np.linalg.norm(double, 2)
+    assert 0 < noise < SINGLE_NOISE_FLOOR
 
 
 @pytest.mark.parametrize("mode", [0, 1])

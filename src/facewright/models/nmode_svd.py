@@ -15,10 +15,12 @@ from facewright.numeric.check import check_choice
 
 Progress = Callable[[str, int, int], None]
 
-IN_MEMORY_COLUMNS = 8448  # columns of a product whose factors are views of a resident tensor: no copy, so wide
+# Columns of one product whose factors are views of a resident tensor. More would let the sum inside a product, which
+# is in single precision, drift; fewer would suffer on a busy machine, where each product waits for all threads.
+IN_MEMORY_COLUMNS = 40_000
 # Share of the largest eigenvalue that is rounding noise in a Gram matrix of float32 products with double sums over
-# blocks (measured: 3e-9 at 33,744 columns, 1e-8 at 540). Kept eigenvalues below ten times this are redone in double.
-SINGLE_NOISE_FLOOR = 1e-8
+# products (measured: 3e-9 at 150 x 47 x 33,744, 1e-8 at 16 x 9 x 540). Below ten times this, double is used.
+SINGLE_NOISE_FLOOR = 2e-8
 
 
 class NModeSVD(NamedTuple):
@@ -268,7 +270,9 @@ def _project(
     result = np.empty(shape, dtype=np.float32)
     transposed = np.ascontiguousarray(factors.T, dtype=np.float32)
     for columns, block in source.blocks(double=False):
-        if mode == 0:  # batched over expressions; the swapped axes are strides, not copies
+        if mode == 0 and block.shape[2] == shape[2] and block.flags.c_contiguous:  # the free unfolding, at once
+            np.matmul(transposed, block.reshape(len(block), -1), out=result.reshape(len(result), -1))
+        elif mode == 0:  # batched over expressions; the swapped axes are strides, not copies
             np.matmul(transposed, block.swapaxes(0, 1), out=result.swapaxes(0, 1)[:, :, columns])
         else:
             np.matmul(transposed, block, out=result[:, :, columns])
