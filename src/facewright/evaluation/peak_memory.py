@@ -38,8 +38,8 @@ class PeakMemory:
     --------
     >>> import numpy as np
     >>> with PeakMemory() as memory:
-    ...     ones = np.ones(5_000_000)
-    >>> 30 < memory.extra_mb < 80
+    ...     ones = np.ones(30_000_000)  # 240 MB
+    >>> 150 < memory.extra_mb < 350
     True
     """
 

@@ -19,8 +19,8 @@ Progress = Callable[[str, int, int], None]
 # is in single precision, drift; fewer would suffer on a busy machine, where each product waits for all threads.
 IN_MEMORY_COLUMNS = 40_000
 # Share of the largest eigenvalue that is rounding noise in a Gram matrix of float32 products with double sums over
-# products (measured: 3e-9 at 150 x 47 x 33,744, 1e-8 at 16 x 9 x 540). Below ten times this, double is used.
-SINGLE_NOISE_FLOOR = 2e-8
+# products (measured: 3e-9 at 150 x 47 x 33,744, 2e-8 at 20 x 12 x 45,000). Below ten times this, double is used.
+SINGLE_NOISE_FLOOR = 4e-8
 
 
 class NModeSVD(NamedTuple):
