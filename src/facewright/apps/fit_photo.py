@@ -201,21 +201,23 @@ def overlay_picture(photo: NDArray[np.uint8], fit: PhotoFit, size: int = 900) ->
     """
     from facewright.imaging.overlay import crop_around, draw_mesh_lines, draw_points
     from facewright.imaging.render import render_mesh
+    from facewright.landmarks.contour import face_region
 
     topology = fit.model.topology
     n_skin = topology.part_slice("face", "head_and_neck").stop
     skin = topology.submesh(n_skin)
     seen, pixels = fit.camera_points(fit.vertices[:n_skin]), fit.project(fit.vertices[:n_skin])
-    start, stop = topology.parts["face"]
-    shown, origin, zoom = crop_around(photo, pixels[start:stop], height=size, margin=0.1)
+    region = np.zeros(n_skin, dtype=bool)
+    region[face_region(skin, fit.model.mean_face[:n_skin])] = True
+    shown, origin, zoom = crop_around(photo, pixels[region], height=size, margin=0.1)
 
     def moved(points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         return (np.asarray(points) + 0.5 - origin) * zoom - 0.5
 
     perspective = fit.intrinsics is not None
-    face = (skin.faces >= start) & (skin.faces < stop)
-    faces = skin.faces[face.all(axis=1)]
-    marked = draw_points(draw_points(shown, moved(fit.landmarks.points)), moved(fit.reprojection), (230, 40, 60), 1.8)
+    faces = skin.faces[region[skin.faces].all(axis=1)]
+    found = draw_points(shown, moved(fit.landmarks.points), radius=size / 220)
+    marked = draw_points(found, moved(fit.reprojection), (230, 40, 60), size / 320)
     lines = draw_mesh_lines(shown, moved(pixels), seen[:, 2], faces, opacity=0.5, perspective=perspective)
     shaded = render_mesh(seen, moved(pixels), faces, (size, size), background=shown, perspective=perspective).image
     return np.vstack([np.hstack([shown, marked]), np.hstack([lines, shaded])])

@@ -11,7 +11,7 @@ from facewright.camera.weak_perspective import WeakPerspective, estimate_weak_pe
 from facewright.fitting.box_quadratic import minimise_in_box
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.landmark_term import noise_px, robust_weights
-from facewright.fitting.landmark_model import LandmarkModel
+from facewright.fitting.landmark_model import LandmarkModel, PersonPoints
 from facewright.fitting.small_algebra import normal_equations, solve_spd
 
 
@@ -21,17 +21,22 @@ class FitState:
 
     Parameters
     ----------
-    c : ndarray of shape (K,)
-        Identity, in standard deviations along the prior's axes.
+    person : PersonPoints
+        Identity.
     beta : ndarray of shape (B,)
         FACS coefficients in [0, 1].
     camera : WeakPerspective
         s, R, t of eq. 13.
     """
 
-    c: NDArray[np.float64]
+    person: PersonPoints
     beta: NDArray[np.float64]
     camera: WeakPerspective
+
+    @property
+    def c(self) -> NDArray[np.float64]:
+        """Identity, in standard deviations along the prior's axes, (K,)."""
+        return self.person.c
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +68,9 @@ class Targets:
 
 def start_state(model: LandmarkModel, targets: Targets) -> FitState:
     """Return the mean face at rest under the pose that its fixed landmarks give."""
-    c, beta = np.zeros(model.n_identity), np.zeros(len(model.mixture))
-    points = model.core[0] @ model.neutral
-    w = targets.confidence[: targets.n_fixed]
-    return FitState(c, beta, estimate_weak_perspective(points, targets.pixels[: targets.n_fixed], w))
+    person, w = model.person(np.zeros(model.n_identity)), targets.confidence[: targets.n_fixed]
+    camera = estimate_weak_perspective(person.fixed @ model.neutral, targets.pixels[: targets.n_fixed], w, iterations=4)
+    return FitState(person, np.zeros(len(model.mixture)), camera)
 
 
 def descend(model: LandmarkModel, targets: Targets, prior: ExpressionPrior, state: FitState, rounds: int) -> FitState:
@@ -92,12 +96,12 @@ def descend(model: LandmarkModel, targets: Targets, prior: ExpressionPrior, stat
     """
     for _ in range(rounds):
         w_exp = model.expression(state.beta)
-        pixels = state.camera.project(model.candidates(state.c, w_exp))
+        pixels = state.camera.project(state.person.candidates(w_exp))
         places = model.place_contour(pixels, state.camera.rotation, targets.contour)
         A = model.identity_matrix(w_exp, places)
         state = _pose_step(A, targets, state)
-        state = _identity_step(A, targets, state)
-        state = _expression_step(model.expression_matrix(state.c, places), model, targets, prior, state)
+        state = _identity_step(A, model, targets, state)
+        state = _expression_step(state.person.expression_matrix(places), model, targets, prior, state)
     return state
 
 
@@ -110,10 +114,10 @@ def _pose_step(A: NDArray[np.float64], targets: Targets, state: FitState) -> Fit
     """Fit s, R and t to the present face, an orthogonal problem."""
     points = A[0] + np.tensordot(state.c, A[1:], 1)
     w = _weights(points, targets, state.camera)
-    return replace(state, camera=estimate_weak_perspective(points, targets.pixels, w, start=state.camera, iterations=3))
+    return replace(state, camera=estimate_weak_perspective(points, targets.pixels, w, start=state.camera, iterations=2))
 
 
-def _identity_step(A: NDArray[np.float64], targets: Targets, state: FitState) -> FitState:
+def _identity_step(A: NDArray[np.float64], model: LandmarkModel, targets: Targets, state: FitState) -> FitState:
     """Solve eq. (14) for the identity with its prior |c|^2 / 2: a linear system."""
     camera = state.camera
     w = _weights(A[0] + np.tensordot(state.c, A[1:], 1), targets, camera)
@@ -122,7 +126,7 @@ def _identity_step(A: NDArray[np.float64], targets: Targets, state: FitState) ->
     wanted = (targets.pixels - camera.translation - seen[0]).ravel()
     H, g = normal_equations(J, np.repeat(w, 2), wanted)
     H[np.diag_indices_from(H)] += 1.0
-    return replace(state, c=solve_spd(H, g[:, None])[:, 0])
+    return replace(state, person=model.person(solve_spd(H, g[:, None])[:, 0]))
 
 
 def _expression_step(

@@ -15,7 +15,7 @@ from facewright.errors import DegenerateError, ValueRangeError
 from facewright.fitting.coordinate_descent import Targets, descend, start_state
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.identity_prior import IdentityPrior
-from facewright.fitting.landmark_model import LandmarkModel
+from facewright.fitting.landmark_model import LandmarkModel, PersonPoints
 from facewright.fitting.mesh_synthesis import MeshSynthesiser
 from facewright.fitting.perspective_refinement import CameraPrior, refine
 from facewright.landmarks.points import Landmarks, interocular_distance
@@ -33,8 +33,8 @@ class PhotoFitOptions:
 
     Parameters
     ----------
-    rounds : int
-        Rounds of weak-perspective coordinate descent.
+    rounds : int, optional
+        Rounds of weak-perspective coordinate descent; 2 where it is refined under perspective, 15 where not.
     perspective : bool
         Whether to refine under full perspective.
     refinements : int
@@ -48,7 +48,7 @@ class PhotoFitOptions:
         Prior of the FACS coefficients, see `ExpressionPrior`.
     """
 
-    rounds: int = 3
+    rounds: int | None = None
     perspective: bool = True
     refinements: int = 8
     focal_length: float | None = None
@@ -57,7 +57,7 @@ class PhotoFitOptions:
     expression_sparsity: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.rounds < 1 or self.refinements < 0:
+        if (self.rounds is not None and self.rounds < 1) or self.refinements < 0:
             raise ValueRangeError(
                 f"rounds must be at least 1 and refinements at least 0, got {self.rounds} and {self.refinements}."
             )
@@ -171,8 +171,7 @@ class PhotoFitter:
     def __init__(self, model: BilinearModel, scheme: str = "fw74") -> None:
         self.model = model
         self.scheme = load_scheme(scheme)
-        self._prior = IdentityPrior.of(model)
-        self._landmark_model = LandmarkModel.of(model, self.scheme, self._prior)
+        self._landmark_model = LandmarkModel.of(model, self.scheme, IdentityPrior.of(model))
         self._synthesiser = MeshSynthesiser(model)
 
     def fit(
@@ -210,15 +209,16 @@ class PhotoFitter:
         order = np.concatenate([small.fixed, small.sliding])
         pixels = np.where(found.present[:, None], found.points, 0.0)[order]
         targets = Targets(pixels, found.confidence[order], len(small.fixed), options.noise_mm)
+        rounds = options.rounds or (2 if options.perspective else 15)
         prior = ExpressionPrior(options.expression_spread, options.expression_sparsity)
-        state = descend(small, targets, prior, start_state(small, targets), options.rounds)
-        intrinsics, motion, c, beta = None, None, state.c, state.beta
+        state = descend(small, targets, prior, start_state(small, targets), rounds)
+        intrinsics, motion, person, beta = None, None, state.person, state.beta
         if options.perspective:
             fine = refine(
                 small, targets, prior, _camera_prior(options, image_size), state, image_size, options.refinements
             )
-            intrinsics, motion, c, beta = fine.intrinsics, fine.motion, fine.c, fine.beta
-        w_id, w_exp = self._prior.weights(c), small.expression(beta)
+            intrinsics, motion, person, beta = fine.intrinsics, fine.motion, fine.person, fine.beta
+        w_id, w_exp = small.prior.weights(person.c), small.expression(beta)
         fit = PhotoFit(
             model=self.model,
             identity_weights=w_id,
@@ -232,22 +232,21 @@ class PhotoFitter:
             image_size=image_size,
             vertices=self._synthesiser.vertices(w_id, w_exp),
         )
-        return self._with_reprojection(fit, c, beta, targets, order)
+        return self._with_reprojection(fit, person, targets, order)
 
     def _with_reprojection(
         self,
         fit: PhotoFit,
-        c: NDArray[np.float64],
-        beta: NDArray[np.float64],
+        person: PersonPoints,
         targets: Targets,
         order: NDArray[np.int32],
     ) -> PhotoFit:
         """Fill in where the fit has the landmarks."""
         small = self._landmark_model
-        w_exp = small.expression(beta)
-        places = small.place_contour(fit.project(small.candidates(c, w_exp)), fit.rotation, targets.contour)
+        w_exp = fit.expression_weights
+        places = small.place_contour(fit.project(person.candidates(w_exp)), fit.rotation, targets.contour)
         reprojection = np.full((self.scheme.n_points, 2), np.nan)
-        reprojection[order] = fit.project(small.expression_matrix(c, places) @ w_exp)
+        reprojection[order] = fit.project(person.expression_matrix(places) @ w_exp)
         return replace(fit, reprojection=reprojection)
 
 

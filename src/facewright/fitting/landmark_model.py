@@ -14,6 +14,12 @@ from facewright.landmarks.contour import ContourStrips, build_contour_strips, sl
 from facewright.landmarks.scheme import LandmarkScheme
 from facewright.models.bilinear import BilinearModel
 
+#: Identity axes that move the landmarks by less, root mean square per coordinate, are left at their mean: a landmark's
+#: noise is more than ten times as large.
+_SMALLEST_EFFECT_MM = 0.06
+#: One contour candidate in so many counts among the landmarks that say so.
+_CONTOUR_SHARE = 12
+
 
 @dataclass(frozen=True, eq=False)
 class ContourPlaces:
@@ -36,11 +42,42 @@ class ContourPlaces:
 
 
 @dataclass(frozen=True, eq=False)
+class PersonPoints:
+    """The points of one identity: C x2 w_id, linear in the expression.
+
+    Parameters
+    ----------
+    c : ndarray of shape (K,)
+        The identity, in standard deviations.
+    fixed : ndarray of shape (P, 3, E)
+        At the fixed landmarks: positions are this times w_exp.
+    strips : ndarray of shape (N, 3, E)
+        At the contour candidates.
+    """
+
+    c: NDArray[np.float64]
+    fixed: NDArray[np.float64]
+    strips: NDArray[np.float64]
+
+    def candidates(self, w_exp: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the contour candidates (N, 3), millimetres."""
+        return (self.strips.reshape(-1, len(w_exp)) @ w_exp).reshape(-1, 3)
+
+    def expression_matrix(self, places: ContourPlaces) -> NDArray[np.float64]:
+        """Return (L, 3, E) at the fixed landmarks and the contour's places: points are this times w_exp."""
+        share = places.fraction[:, None, None]
+        contour = (1.0 - share) * self.strips[places.first] + share * self.strips[places.second]
+        return np.concatenate([self.fixed, contour])
+
+
+@dataclass(frozen=True, eq=False)
 class LandmarkModel:
     """Small cores, whitened along identity: positions are (mean + axes c) x2, w_exp x3.
 
     Parameters
     ----------
+    prior : IdentityPrior
+        Axes that the landmarks can tell from the mean, strongest first.
     fixed : ndarray of int32
         Landmarks of the scheme that have a vertex, P of them.
     sliding : ndarray of int32
@@ -57,6 +94,7 @@ class LandmarkModel:
         u_0.
     """
 
+    prior: IdentityPrior
     fixed: NDArray[np.int32]
     sliding: NDArray[np.int32]
     core: NDArray[np.float32]
@@ -86,11 +124,14 @@ class LandmarkModel:
         candidates, place = np.unique(strips.vertices, return_inverse=True)
         compact = ContourStrips(place.reshape(strips.vertices.shape).astype(np.int32), strips.outward)
         core = model.at_vertices(np.concatenate([ids[fixed], candidates])).core  # (P + N, 3, I, E)
+        u = model.expression_weights
+        effect = np.concatenate([core[: len(fixed)], core[len(fixed) :: _CONTOUR_SHARE]]) @ u[0] @ prior.axes
+        prior = prior.ordered_by(effect.reshape(-1, effect.shape[-1]), _SMALLEST_EFFECT_MM)
         mean = np.einsum("pcie,i->pce", core, prior.mean)[None]
         axes = np.einsum("pcie,ik->kpce", core, prior.axes, optimize=True)
         white = np.concatenate([mean, axes])
-        u = model.expression_weights
         return cls(
+            prior=prior,
             fixed=fixed,
             sliding=scheme.sliding,
             core=np.ascontiguousarray(white[:, : len(fixed)], dtype=np.float32),
@@ -109,10 +150,14 @@ class LandmarkModel:
         """Return w_exp (E,) of FACS coefficients (B,)."""
         return self.neutral + beta @ self.mixture
 
-    def candidates(self, c: NDArray[np.floating], w_exp: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the contour candidates (N, 3), millimetres."""
-        flat = contract_first(self.strip_core.reshape(len(c) + 1, -1), _with_one(c))
-        return contract_last(flat.reshape(1, -1, len(w_exp)), np.asarray(w_exp)).reshape(-1, 3)
+    def person(self, c: NDArray[np.floating]) -> PersonPoints:
+        """Return the model's points for one identity."""
+        weights = np.ones(len(c) + 1, dtype=np.float32)
+        weights[1:] = c
+        E = self.core.shape[-1]
+        fixed = contract_first(self.core.reshape(len(weights), -1), weights).reshape(-1, 3, E)
+        strips = contract_first(self.strip_core.reshape(len(weights), -1), weights).reshape(-1, 3, E)
+        return PersonPoints(np.asarray(c, dtype=np.float64), fixed, strips)
 
     def place_contour(
         self, candidate_pixels: NDArray[np.float64], rotation: NDArray[np.float64], found: NDArray[np.float64]
@@ -147,19 +192,3 @@ class LandmarkModel:
         corners = contract_last(self.strip_core[:, both].reshape(K1, -1, E), w).reshape(K1, 2, -1, 3)
         share = places.fraction[:, None]
         return np.concatenate([fixed, (1.0 - share) * corners[:, 0] + share * corners[:, 1]], axis=1)
-
-    def expression_matrix(self, c: NDArray[np.floating], places: ContourPlaces) -> NDArray[np.float64]:
-        """Return (L, 3, E) at the fixed landmarks and the contour's places: points are this times w_exp."""
-        weights = _with_one(c)
-        K1, E = len(weights), self.core.shape[-1]
-        both = np.concatenate([places.first, places.second])
-        fixed = contract_first(self.core.reshape(K1, -1), weights).reshape(-1, 3, E)
-        corners = contract_first(self.strip_core[:, both].reshape(K1, -1), weights).reshape(2, -1, 3, E)
-        share = places.fraction[:, None, None]
-        return np.concatenate([fixed, (1.0 - share) * corners[0] + share * corners[1]])
-
-
-def _with_one(c: NDArray[np.floating]) -> NDArray[np.float32]:
-    weights = np.ones(len(c) + 1, dtype=np.float32)
-    weights[1:] = c
-    return weights

@@ -27,7 +27,7 @@ class MeshSynthesiser:
         RMS over the vertices of what may be left out; 0 leaves nothing out.
     """
 
-    def __init__(self, model: BilinearModel, tolerance_mm: float = 0.02) -> None:
+    def __init__(self, model: BilinearModel, tolerance_mm: float = 0.03) -> None:
         self.model = model
         self.tolerance_mm = tolerance_mm
         self._rows = model.core_rows.reshape(model.n_identity * model.n_expression, -1)

@@ -13,7 +13,7 @@ from facewright.fitting.box_quadratic import minimise_in_box
 from facewright.fitting.coordinate_descent import FitState, Targets
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.landmark_term import landmark_energy, noise_px, robust_weights
-from facewright.fitting.landmark_model import LandmarkModel
+from facewright.fitting.landmark_model import LandmarkModel, PersonPoints
 from facewright.fitting.small_algebra import normal_equations, solve_spd
 
 _N_CAMERA = 7  # rotation, pixel of the face's middle, logarithms of scale and focal length
@@ -43,7 +43,7 @@ class PinholeState:
 
     Parameters
     ----------
-    c, beta : ndarray of shape (K,) and (B,)
+    person, beta : PersonPoints and ndarray of shape (B,)
         As in `FitState`.
     motion : RigidMotion
         camera_from_model.
@@ -51,10 +51,15 @@ class PinholeState:
         Of equal focal lengths.
     """
 
-    c: NDArray[np.float64]
+    person: PersonPoints
     beta: NDArray[np.float64]
     motion: RigidMotion
     intrinsics: Intrinsics
+
+    @property
+    def c(self) -> NDArray[np.float64]:
+        """Identity, in standard deviations along the prior's axes, (K,)."""
+        return self.person.c
 
     def scale(self, point: NDArray[np.float64]) -> float:
         """Pixels per millimetre at a model point (3,)."""
@@ -98,9 +103,9 @@ def refine(
         The fit.
     """
     w_exp = model.expression(start.beta)
-    centre = model.candidates(start.c, w_exp).mean(axis=0)
+    centre = start.person.candidates(w_exp).mean(axis=0)
     intrinsics = Intrinsics.for_image(image_size, camera_prior.focal_length)
-    state = PinholeState(start.c, start.beta, rigid_from_weak(start.camera, intrinsics, centre), intrinsics)
+    state = PinholeState(start.person, start.beta, rigid_from_weak(start.camera, intrinsics, centre), intrinsics)
     damping = 0.0
     for _ in range(iterations):
         problem = _Problem(model, targets, expression_prior, camera_prior, centre, state)
@@ -137,7 +142,7 @@ class _Problem:
     ) -> None:
         self.model, self.targets, self.centre = model, targets, centre
         self.expression_prior, self.camera_prior = expression_prior, camera_prior
-        pixels = state.project(model.candidates(state.c, model.expression(state.beta)))
+        pixels = state.project(state.person.candidates(model.expression(state.beta)))
         self.places = model.place_contour(pixels, state.motion.rotation, targets.contour)
         self.sigma = noise_px(state.scale(centre), targets.noise_mm, targets.confidence)
         normal = self.places.normal
@@ -152,7 +157,7 @@ class _Problem:
 
     def energy(self, state: PinholeState) -> float:
         """Return the whole energy of a state."""
-        points = self.model.expression_matrix(state.c, self.places) @ self.model.expression(state.beta)
+        points = state.person.expression_matrix(self.places) @ self.model.expression(state.beta)
         lens = np.log(state.intrinsics.focal_x / self.camera_prior.focal_length) / self.camera_prior.spread
         return (
             landmark_energy(self.residuals(state, points), self.sigma)
@@ -166,7 +171,7 @@ class _Problem:
         K, n_beta = len(state.c), len(state.beta)
         w_exp = self.model.expression(state.beta)
         A = self.model.identity_matrix(w_exp, self.places)
-        B = self.model.expression_matrix(state.c, self.places)
+        B = state.person.expression_matrix(self.places)
         points = B @ w_exp
         middle = state.motion.apply(self.centre)
         seen = state.motion.apply(points)
@@ -181,7 +186,7 @@ class _Problem:
         J[:, :, 5] = -by_camera @ middle
         from_centre = state.intrinsics.project(seen) - [state.intrinsics.centre_x, state.intrinsics.centre_y]
         J[:, :, 6] = np.einsum("lrc,lc->lr", self.frames, from_centre) + by_camera[:, :, 2] * middle[2]
-        J[:, :, 7 : 7 + K] = np.einsum("lrx,klx->lrk", by_model, A[1:], optimize=True)
+        J[:, :, 7 : 7 + K] = by_model @ A[1:].transpose(1, 2, 0)
         J[:, :, 7 + K :] = (by_model @ B) @ self.model.mixture.T
         residual = self.residuals(state, points)
         w = np.repeat(robust_weights(residual, self.sigma), 2)
@@ -222,7 +227,7 @@ class _Problem:
         moved[2] *= np.exp(free[6])
         rotation = rotation_from_vector(free[:3]) @ state.motion.rotation
         return PinholeState(
-            state.c + free[_N_CAMERA:],
+            self.model.person(state.c + free[_N_CAMERA:]),
             beta,
             RigidMotion(rotation, moved - rotation @ self.centre),
             replace(state.intrinsics, focal_x=focal, focal_y=focal),

@@ -23,6 +23,8 @@ from facewright.landmarks.scheme import load_scheme
 GROUP_CONFIDENCE = {"eye": 0.35, "mouth": 0.18, "brow": 0.15, "nose": 0.13, "contour": 0.03, "iris": 0.35}
 #: Of all other points.
 _OTHER_CONFIDENCE = 0.1
+#: Further factor for points beyond the picture's edge, which the detector can only guess.
+_UNSEEN = 0.1
 #: Two finds whose boxes overlap by more than this share (intersection over union) are one face.
 _SAME_FACE = 0.3
 #: Smallest side, in pixels, at which a part of a picture is shown to the network.
@@ -100,7 +102,7 @@ class MediaPipeDetector:
             for tile in _tiles(image) if not found else []:
                 found += self._look_closer(image, tile, found) if self._finder else self._look_at(image, tile)
         faces = _largest_first(found)[: self.max_faces]
-        return [Landmarks("mediapipe478", points, _confidence()) for points in faces]
+        return [Landmarks("mediapipe478", points, _confidence(points, image)) for points in faces]
 
     def close(self) -> None:
         """Free the networks; `detect` must not be called any more."""
@@ -223,12 +225,13 @@ def _import_mediapipe() -> Any:
     return mediapipe
 
 
-def _confidence() -> NDArray[np.float64]:
+def _confidence(points: NDArray[np.float64], image: NDArray[np.uint8]) -> NDArray[np.float64]:
     scheme = load_scheme("mediapipe478")
     confidence = np.full(scheme.n_points, _OTHER_CONFIDENCE)
     for group, ids in scheme.groups.items():
         confidence[ids] = GROUP_CONFIDENCE[group.rsplit("_", maxsplit=1)[-1]]
-    return confidence
+    seen = ((points >= 0) & (points < [image.shape[1], image.shape[0]])).all(axis=1)
+    return np.where(seen, confidence, _UNSEEN * confidence)
 
 
 @contextmanager

@@ -35,3 +35,19 @@ class IdentityPrior:
     def weights(self, c: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return w_id (I,) of standard coefficients c (K,)."""
         return self.mean + self.axes @ c
+
+    def ordered_by(self, effect: NDArray[np.floating], smallest: float) -> IdentityPrior:
+        """Turn the axes so that they act on some quantity one by one, strongest first, and drop those that hardly do.
+
+        The turned prior is the same, |c|^2 / 2; dropped axes keep their mean.
+
+        Parameters
+        ----------
+        effect : ndarray of shape (M, K)
+            Linear effect of the axes on M quantities.
+        smallest : float
+            Least root mean square effect, per quantity, of an axis that is kept.
+        """
+        _, strength, turn = np.linalg.svd(effect, full_matrices=False)
+        kept = strength / np.sqrt(len(effect)) >= smallest
+        return IdentityPrior(self.mean, self.axes @ turn[kept].T)
