@@ -28,7 +28,7 @@ FLAT = Lights(np.array([[-0.4, -0.6, -0.7]]), np.full((1, 3), 0.36), sky=(0.74,)
 
 def people_sheet(face: Face, seed: int, n: int = 10, size: tuple[int, int] = (220, 190)) -> Picture:
     """Draw `n` simulated people, each with an appearance and an expression of their own."""
-    from facewright.faces.appearance import albedo_function, sample_appearance, visible_faces
+    from facewright.faces.appearance import albedo_function, sample_appearance, vertex_gloss, visible_faces
     from facewright.faces.expressions import EXPRESSION_NAMES, expression_weights
     from facewright.faces.simulate import simulate_person
 
@@ -44,6 +44,7 @@ def people_sheet(face: Face, seed: int, n: int = 10, size: tuple[int, int] = (22
             size,
             albedo=albedo_function(face, look, faces),
             lights=Lights(look.light_directions, look.light_colours, look.sky, look.ground),
+            shininess=vertex_gloss(face),
             yaw_degrees=float(rng.uniform(-20, 20)),
             height_mm=300.0,
         )
@@ -91,12 +92,14 @@ def person_texture(photo: Picture, fit: PhotoFit, size: int = 1024) -> Picture:
 
 def person_painter(face: Face, fit: PhotoFit, texture: Picture, size: tuple[int, int]) -> Callable[..., Picture]:
     """Return a function (vertices, yaw_degrees) that draws the person: the photo on the skin, the rest painted."""
-    from facewright.faces.appearance import albedo_function, sample_appearance
+    from facewright.faces.appearance import albedo_function, sample_appearance, vertex_gloss
 
     topology = visible_topology(face)
     look = sample_appearance(np.random.default_rng(3))
     painted = albedo_function(face, look, topology.faces)
     albedo = texture_albedo(texture, topology, textured=_skin(fit), rest=painted)
+
+    gloss = np.where(_skin(fit), 0.0, vertex_gloss(face))  # the photo's skin has its own highlights
 
     def draw(vertices: NDArray[np.floating], yaw_degrees: float = 15.0) -> Picture:
         drawn = render_portrait(
@@ -105,7 +108,7 @@ def person_painter(face: Face, fit: PhotoFit, texture: Picture, size: tuple[int,
             size,
             albedo=albedo,
             lights=FLAT,
-            shininess=0.0,
+            shininess=gloss,
             yaw_degrees=yaw_degrees,
             height_mm=270.0,
             centre_mm=(0.0, 0.0, 40.0),

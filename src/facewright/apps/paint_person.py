@@ -76,16 +76,17 @@ def portrait_painter(
     from facewright.imaging.portrait import render_portrait
 
     albedo: Albedo
+    gloss: NDArray[np.floating] | float = 0.12
     if face is None:
         faces, albedo = _plain_parts(topology)
     else:
-        from facewright.faces.appearance import albedo_function, visible_faces
+        from facewright.faces.appearance import albedo_function, vertex_gloss, visible_faces
 
-        faces = visible_faces(face)
+        faces, gloss = visible_faces(face), vertex_gloss(face)
         albedo = albedo_function(face, usual_appearance(seed), faces)
 
     def draw(vertices: NDArray[np.floating]) -> NDArray[np.uint8]:
-        return render_portrait(vertices, faces, size, albedo=albedo, yaw_degrees=yaw_degrees).image
+        return render_portrait(vertices, faces, size, albedo=albedo, shininess=gloss, yaw_degrees=yaw_degrees).image
 
     return draw
 

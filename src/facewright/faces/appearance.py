@@ -152,6 +152,17 @@ def vertex_colors(face: Face, appearance: Appearance) -> NDArray[np.float32]:
     return _paint(paint, paint.attributes, appearance).astype(np.float32)
 
 
+def vertex_gloss(face: Face) -> NDArray[np.float32]:
+    """Return the strength of each vertex's highlight, shape (V,): wet eyes shine, the depth of the mouth does not."""
+    paint = _paint_map(face)
+    a = paint.columns(paint.attributes)
+    gloss = 0.10 + 0.08 * a["lips"] + 0.10 * a["teeth"] + 0.12 * a["eye"]
+    gloss = (
+        gloss * (1.0 - 0.7 * a["scalp"]) * (1.0 - np.maximum(a["cavity"], np.clip(3.0 * a["depth_in_mouth"], 0.0, 1.0)))
+    )
+    return gloss.astype(np.float32)
+
+
 def albedo_function(face: Face, appearance: Appearance, faces: NDArray[np.integer]) -> Callable[[Any], NDArray]:
     """Return a function from pixel samples to sRGB surface colour, for ``render_mesh(albedo=...)``.
 

@@ -36,10 +36,10 @@ class Lights:
 
     directions: NDArray[np.float64] = field(default_factory=_studio_directions)
     colours: NDArray[np.float64] = field(
-        default_factory=lambda: np.array([[0.78, 0.74, 0.70], [0.30, 0.33, 0.38], [0.25, 0.25, 0.25]])
+        default_factory=lambda: np.array([[0.66, 0.63, 0.60], [0.25, 0.27, 0.31], [0.25, 0.25, 0.25]])
     )
-    sky: tuple[float, float, float] = (0.33, 0.34, 0.36)
-    ground: tuple[float, float, float] = (0.17, 0.155, 0.145)
+    sky: tuple[float, float, float] = (0.29, 0.30, 0.32)
+    ground: tuple[float, float, float] = (0.15, 0.14, 0.13)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,13 @@ def _shade(
         sheen = np.clip((n * half).sum(1), 0.0, None) ** 22 * (cosine > 0)
         light += diffuse[:, None] * intensity
         highlight += sheen[:, None] * intensity
-    return (colour * light + values[:, 6:7] * highlight).astype(np.float32)
+    return _roll_off(colour * light + values[:, 6:7] * highlight).astype(np.float32)
+
+
+def _roll_off(linear: NDArray[np.floating], knee: float = 0.7) -> NDArray[np.floating]:
+    """Compress what is brighter than `knee` smoothly below 1: clipped channels would change the hue of bright skin."""
+    over = np.maximum(linear - knee, 0.0)
+    return np.minimum(linear, knee) + (1.0 - knee) * -np.expm1(-over / (1.0 - knee))
 
 
 def _albedo_samples(
