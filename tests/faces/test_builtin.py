@@ -70,9 +70,12 @@ def test_it_is_of_the_promised_size(builtin_face):
 
 def test_it_loads_in_less_than_a_second():
     builtin.load_builtin_face()  # imports and disk cache
-    start = time.perf_counter()
-    builtin.load_builtin_face()
-    assert time.perf_counter() - start < 1.0
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        builtin.load_builtin_face()
+        seconds.append(time.perf_counter() - start)
+    assert min(seconds) < 1.0
 
 
 def test_parts_tile_the_vertices_in_order(builtin_face):
