@@ -77,9 +77,10 @@ def read_compact_arrays(path: Path) -> dict[str, NDArray]:
     """Read and check the arrays of the compact file; nothing is ever unpickled."""
     arrays: dict[str, NDArray] = {}
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError("a single array, not an archive of arrays")
+        opened = np.load(path, allow_pickle=False)
+        if not isinstance(opened, np.lib.npyio.NpzFile):
+            raise ValueError("a single array, not an archive of arrays")
+        with opened as archive:
             missing = sorted(COMPACT_KEYS.keys() - set(archive.files))
             if missing:
                 raise FileFormatError(f"{path} must be a compact ICT-FaceKit file, but lacks {', '.join(missing)}.")
