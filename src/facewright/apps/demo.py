@@ -247,8 +247,8 @@ def _write_page(out: Path, result: DemoResult, model: BilinearModel, fit: PhotoF
             f"{N_PEOPLE} people were made up from the built-in face, with {len(model.expression_names)} shapes each; "
             f"their tensor was decomposed into {model.n_identity} identity and {model.n_expression} expression parts.",
             [[PagePicture("people.png", "Ten of such people.")],
-             [PagePicture("model.png", "The leading ways to differ in identity (first three rows) and in expression, "
-                          "from -2 to +2 standard deviations.")]],
+             [PagePicture("model.png", "The leading ways to differ: in identity (first three rows, -2 to +2 standard "
+                          "deviations) and in expression (from one end of the training shapes to the other).")]],
         ),
     ]  # fmt: skip
     figures = [
