@@ -45,10 +45,11 @@ def portrait(shape: np.ndarray, look: Appearance | None, size: tuple[int, int], 
     return render_portrait(shape, TRIANGLES, size, albedo=albedo, lights=lights, supersample=3, **view).image
 
 
-def sheet(pictures: list[np.ndarray], columns: int, name: str) -> None:
+def sheet(pictures: list[np.ndarray], columns: int, name: str, colours: int = 0) -> None:
     rows = [np.concatenate(pictures[i : i + columns], axis=1) for i in range(0, len(pictures), columns)]
     path = OUT / name
-    Image.fromarray(np.concatenate(rows)).save(path, optimize=True)
+    image = Image.fromarray(np.concatenate(rows))
+    (image.quantize(colours) if colours else image).save(path, optimize=True)
     print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB")
 
 
@@ -75,7 +76,7 @@ def main() -> None:
     centre, size = {"centre_mm": (0.0, 8.0, 20.0), "height_mm": 295.0}, (400, 330)
     views = [portrait(FACE.mean_shape, look, size, yaw_degrees=y, **centre) for y in (0, 40, 85)]
     sheet(views, 3, "builtin_views.png")
-    sheet([wireframe(size, yaw_degrees=y, **centre) for y in (0, 40, 85)], 3, "builtin_mesh.png")
+    sheet([wireframe(size, yaw_degrees=y, **centre) for y in (0, 40, 85)], 3, "builtin_mesh.png", 128)
     close = {"centre_mm": (0.0, 0.0, 60.0), "height_mm": 215.0}
     sheet([portrait(posed(FACE.mean_shape, e), look, (310, 250), **close) for e in EXPRESSIONS], 4,
           "builtin_expressions.png")  # fmt: skip
