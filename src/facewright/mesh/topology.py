@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from itertools import pairwise
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,8 @@ class Topology:
     parts : mapping of str to (start, stop)
         Half-open vertex ranges that tile [0, V), in order.
     masks : mapping of str to ndarray of int32
-        Named vertex sets (sorted, unique), such as ``"face"``, ``"lips"``, ``"left"``.
+        Named vertex sets, such as ``"face"``, ``"lips"``, ``"left"``: sorted and unique, but for the ``*_contact_*`` masks,
+        whose entries are paired by position (vertices that meet when lips or lids close).
     landmarks : mapping of str to ndarray of int32
         Vertex of each point of a landmark scheme; -1 where the scheme's point has no fixed vertex.
     mirror : ndarray of shape (V,), int32, or None
@@ -105,8 +106,6 @@ class Topology:
             uv_faces=None if self.uv_faces is None else self.uv_faces[inside],
             parts={k: r for k, r in self.parts.items() if r[1] <= stop},
             masks={k: m[m < stop] for k, m in self.masks.items()},
-            landmarks={
-                k: np.where(ids < stop, ids, -1).astype(np.int32) for k, ids in self.landmarks.items()
-            },
+            landmarks={k: np.where(ids < stop, ids, -1).astype(np.int32) for k, ids in self.landmarks.items()},
             mirror=mirror,
         )
