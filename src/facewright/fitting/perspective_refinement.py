@@ -78,7 +78,7 @@ def refine(
     start: FitState,
     image_size: tuple[int, int],
     iterations: int,
-    tolerance: float = 0.05,
+    tolerance: float = 0.5,
 ) -> PinholeState:
     """Minimise landmark term + identity, expression and lens priors over everything at once.
 
