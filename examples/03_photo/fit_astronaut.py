@@ -20,7 +20,7 @@ def main(out: Path, n_people: int = 60) -> None:
     photo = astronaut_portrait()
     landmarks = open_detector().detect(photo)[0]
     with tempfile.TemporaryDirectory() as folder:
-        request = BuildModelRequest(Path(folder) / "m.fwbm", "builtin", n_people, min(40, n_people), 25, n_unseen=0)
+        request = BuildModelRequest(Path(folder) / "m.fwbm", "builtin", n_people, min(40, n_people), 47, n_unseen=0)
         model = build_model(request).model
     fit = fit_photo(model, landmarks, photo.shape[:2])
     print(f"landmarks off by {100 * fit.reprojection_iod:.2f} % of the inter-ocular distance")

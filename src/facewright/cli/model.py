@@ -19,7 +19,7 @@ def build(
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
     people: Annotated[int, typer.Option(help="Simulated people.", min=2)] = 150,
     identities: Annotated[int, typer.Option(help="Identity components kept.", min=1)] = 50,
-    expressions: Annotated[int, typer.Option(help="Expression components kept, of 47.", min=1)] = 25,
+    expressions: Annotated[int, typer.Option(help="Expression components kept; below 47, lids stay ajar.", min=1)] = 47,
     seed: Annotated[int, typer.Option(help="Seed of the simulated people.", min=0)] = 0,
     skin: Annotated[bool, typer.Option("--skin", help="Leave out eyes, teeth and mouth cavity.")] = False,
     as_json: JsonOption = False,

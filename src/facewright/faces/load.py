@@ -38,6 +38,7 @@ class FaceInfo:
 
 def list_faces() -> list[FaceInfo]:
     """Return every face `load_face` knows by name, installed or not."""
+    from facewright.faces.builtin import BUILTIN_LICENCE
     from facewright.faces.ict import ICT_LICENCE
 
     path = stored_face_path("ict")
@@ -46,7 +47,7 @@ def list_faces() -> list[FaceInfo]:
             name="builtin",
             installed=True,
             description="comes with facewright, no download: 5-7 thousand vertices, 46 blendshapes",
-            licence=ICT_LICENCE,
+            licence=BUILTIN_LICENCE,
         ),
         FaceInfo(
             name="ict",

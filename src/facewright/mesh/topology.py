@@ -36,8 +36,8 @@ class Topology:
     parts : mapping of str to (start, stop)
         Half-open vertex ranges that tile [0, V), in order.
     masks : mapping of str to ndarray of int32
-        Named vertex sets, such as ``"face"``, ``"lips"``, ``"left"``: sorted and unique, but for the ``*_contact_*`` masks,
-        whose entries are paired by position (vertices that meet when lips or lids close).
+        Named vertex sets, such as ``"face"``, ``"lips"``, ``"left"``: sorted and unique, but for the ``*_contact_*``
+        masks, whose entries are paired by position (vertices that meet when lips or lids close).
     landmarks : mapping of str to ndarray of int32
         Vertex of each point of a landmark scheme; -1 where the scheme's point has no fixed vertex.
     mirror : ndarray of shape (V,), int32, or None
