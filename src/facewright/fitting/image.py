@@ -25,6 +25,8 @@ from facewright.models.blendshapes import BlendshapeRig
 
 #: Fewest fixed landmarks that a face is fitted to.
 MIN_LANDMARKS = 10
+#: Focal length, in sides of the picture, at which a pinhole is as good as weak perspective.
+_FAR = 200.0
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,12 @@ class PhotoFitOptions:
 
     Parameters
     ----------
-    rounds : int, optional
-        Rounds of weak-perspective coordinate descent; 2 where it is refined under perspective, 15 where not.
+    rounds : int
+        Rounds of weak-perspective coordinate descent, from which the joint refinement starts.
     perspective : bool
-        Whether to refine under full perspective.
+        Whether to refine under full perspective, or under weak perspective still.
     refinements : int
-        Steps of that refinement.
+        At most so many steps of the joint refinement; 0 leaves it at the coordinate descent.
     focal_length : float or None
         Focal length in pixels where it is known (EXIF); guessed from the picture's size otherwise.
     noise_mm : float
@@ -48,7 +50,7 @@ class PhotoFitOptions:
         Prior of the FACS coefficients, see `ExpressionPrior`.
     """
 
-    rounds: int | None = None
+    rounds: int = 2
     perspective: bool = True
     refinements: int = 8
     focal_length: float | None = None
@@ -57,7 +59,7 @@ class PhotoFitOptions:
     expression_sparsity: float = 1.0
 
     def __post_init__(self) -> None:
-        if (self.rounds is not None and self.rounds < 1) or self.refinements < 0:
+        if self.rounds < 1 or self.refinements < 0:
             raise ValueRangeError(
                 f"rounds must be at least 1 and refinements at least 0, got {self.rounds} and {self.refinements}."
             )
@@ -83,7 +85,7 @@ class PhotoFit:
     blendshape_weights : ndarray of shape (B,)
         FACS coefficients beta in [0, 1]; the neutral's own is 1 - sum(beta).
     weak_camera : WeakPerspective
-        s, R, t of eq. 13, from the coordinate descent.
+        s, R, t of eq. 13; the weak-perspective camera nearest to the pinhole where there is one.
     intrinsics, camera_from_model : Intrinsics and RigidMotion, or None
         The pinhole camera, where it was refined.
     landmarks : Landmarks
@@ -209,24 +211,20 @@ class PhotoFitter:
         order = np.concatenate([small.fixed, small.sliding])
         pixels = np.where(found.present[:, None], found.points, 0.0)[order]
         targets = Targets(pixels, found.confidence[order], len(small.fixed), options.noise_mm)
-        rounds = options.rounds or (2 if options.perspective else 15)
         prior = ExpressionPrior(options.expression_spread, options.expression_sparsity)
-        state = descend(small, targets, prior, start_state(small, targets), rounds)
-        intrinsics, motion, person, beta = None, None, state.person, state.beta
-        if options.perspective:
-            fine = refine(
-                small, targets, prior, _camera_prior(options, image_size), state, image_size, options.refinements
-            )
-            intrinsics, motion, person, beta = fine.intrinsics, fine.motion, fine.person, fine.beta
+        state = descend(small, targets, prior, start_state(small, targets), options.rounds)
+        lens = _camera_prior(options, image_size)
+        fine = refine(small, targets, prior, lens, state, image_size, options.refinements)
+        person, beta = fine.person, fine.beta
         w_id, w_exp = small.prior.weights(person.c), small.expression(beta)
         fit = PhotoFit(
             model=self.model,
             identity_weights=w_id,
             expression_weights=w_exp,
             blendshape_weights=beta,
-            weak_camera=state.camera,
-            intrinsics=intrinsics,
-            camera_from_model=motion,
+            weak_camera=fine.weak_perspective(person.candidates(w_exp).mean(axis=0)),
+            intrinsics=fine.intrinsics if options.perspective else None,
+            camera_from_model=fine.motion if options.perspective else None,
             landmarks=found,
             reprojection=np.empty((0, 2)),
             image_size=image_size,
@@ -261,6 +259,8 @@ def fit_photo(
 
 
 def _camera_prior(options: PhotoFitOptions, image_size: tuple[int, int]) -> CameraPrior:
+    if not options.perspective:
+        return CameraPrior(_FAR * max(image_size), 1e-3)
     if options.focal_length is not None:
         return CameraPrior(options.focal_length, 0.05)
     return CameraPrior(Intrinsics.for_image(image_size).focal_x, 0.4)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion, pixel_by_point, rigid_from_weak
 from facewright.camera.rotation import rotation_from_vector
+from facewright.camera.weak_perspective import WeakPerspective
 from facewright.fitting.box_quadratic import minimise_in_box
 from facewright.fitting.coordinate_descent import FitState, Targets
 from facewright.fitting.energies.expression_prior import ExpressionPrior
@@ -68,6 +69,11 @@ class PinholeState:
     def project(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Project model points (..., 3) to pixels (..., 2)."""
         return self.intrinsics.project(self.motion.apply(points))
+
+    def weak_perspective(self, point: NDArray[np.float64]) -> WeakPerspective:
+        """Return the weak-perspective camera that agrees with this one at a model point (3,)."""
+        scale, rotation = self.scale(point), self.motion.rotation
+        return WeakPerspective(scale, rotation, self.project(point) - scale * rotation[:2] @ point)
 
 
 def refine(
