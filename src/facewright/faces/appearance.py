@@ -221,7 +221,8 @@ def _paint(paint: PaintMap, values: NDArray[np.floating], look: Appearance) -> N
     _lay(colour, look.skin * np.array([0.95, 0.72, 0.70]), 0.6 * a["lid_margin"])
     for name, tone in (("teeth", _TEETH), ("flesh", _FLESH), ("cavity", _CAVITY)):
         _lay(colour, tone, a[name])
-    colour *= (1.0 - 0.75 * a["depth_in_mouth"])[:, None]
+    colour *= (1.0 - 0.55 * a["groove"] ** 1.5)[:, None]
+    colour *= (1.0 - 0.65 * a["depth_in_mouth"])[:, None]
     eye = np.flatnonzero(a["eye"] > 0.45)
     if len(eye):
         ball = _eyeball({name: column[eye] for name, column in a.items()}, paint, look)

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from facewright.faces.face import Face
+from facewright.mesh.connectivity import vertex_adjacency
+from facewright.mesh.normals import vertex_normals
 
 _CHANNELS = (
     "lips",
@@ -23,6 +25,7 @@ _CHANNELS = (
     "cavity",
     "depth_in_mouth",
     "eye",
+    "groove",
 )
 
 
@@ -32,7 +35,7 @@ class PaintMap:
 
     Parameters
     ----------
-    attributes : ndarray of shape (V, 3 + 12), float32
+    attributes : ndarray of shape (V, 3 + 13), float32
         Position on the generic neutral in mm, then one weight in [0, 1] per channel (``lash`` is a distance in mm).
     brow : ndarray of shape (3, K), float64
         Middle curve of the left brow: x, y and half width, by growing x, mm.
@@ -111,6 +114,7 @@ def _parts(channels: dict[str, NDArray], face: Face) -> None:
             channels["eye"][part] = 1.0
         elif "teeth" in name:
             channels["teeth"][part] = 1.0
+            channels["groove"][part] = _grooves(face, start, stop)
         elif "tongue" in name or "gum" in name:
             channels["flesh"][part] = 1.0
         elif name.startswith("mouth"):
@@ -120,6 +124,17 @@ def _parts(channels: dict[str, NDArray], face: Face) -> None:
         if "teeth" in name or "tongue" in name or "gum" in name or name.startswith("mouth"):
             depth = lips_z - mean[part, 2]
             channels["depth_in_mouth"][part] = np.clip((depth - 12.0) / 40.0, 0.0, 1.0)
+
+
+def _grooves(face: Face, start: int, stop: int) -> NDArray[np.float64]:
+    """Tell where a row of teeth is hollow against its surroundings, that is between teeth: (stop - start,) in [0, 1]."""
+    faces = face.topology.faces
+    faces = faces[((faces >= start) & (faces < stop)).all(axis=1)] - start
+    vertices = face.mean_shape[start:stop].astype(np.float64)
+    adjacency = vertex_adjacency(faces, stop - start)
+    around = adjacency @ vertices / np.maximum(np.asarray(adjacency.sum(axis=1)), 1.0)
+    hollow = ((around - vertices) * vertex_normals(vertices, faces)).sum(axis=1)
+    return np.clip((hollow - np.median(hollow)) / (2.0 * hollow.std()) - 0.1, 0.0, 1.0)
 
 
 def _lashes(channels: dict[str, NDArray], mean: NDArray, points: NDArray, n_skin: int) -> None:
