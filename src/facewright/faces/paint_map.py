@@ -127,7 +127,7 @@ def _parts(channels: dict[str, NDArray], face: Face) -> None:
 
 
 def _grooves(face: Face, start: int, stop: int) -> NDArray[np.float64]:
-    """Tell where a row of teeth is hollow against its surroundings, that is between teeth: (stop - start,) in [0, 1]."""
+    """Tell where a row of teeth is hollow against its surroundings, between teeth: (stop - start,) in [0, 1]."""
     faces = face.topology.faces
     faces = faces[((faces >= start) & (faces < stop)).all(axis=1)] - start
     vertices = face.mean_shape[start:stop].astype(np.float64)
