@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from facewright.errors import ShapeError
+from facewright.errors import ShapeError, ValueRangeError
 from facewright.imaging.overlay import crop_around, draw_mesh_lines, draw_points
 
 
@@ -21,6 +21,12 @@ def test_crop_beyond_the_edge_repeats_it():
     image = np.full((20, 20, 3), 90, np.uint8)
     crop, _, _ = crop_around(image, np.array([[-5.0, -5], [25, 25]]), height=64)
     assert (crop == 90).all()
+
+
+def test_crop_far_outside_is_refused():
+    for far in (1e6, np.nan):
+        with pytest.raises(ValueRangeError, match="within 80 pixels"):
+            crop_around(np.zeros((20, 20, 3), np.uint8), np.array([[far, far]]))
 
 
 def test_points_are_centred_and_nan_is_left_out():

@@ -134,6 +134,7 @@ def fit_photo(request: FitPhotoRequest, progress: Progress | None = None) -> Fit
     _make_folder(request.out)
     report("finding landmarks", 1)
     landmarks, n_faces = _find_landmarks(request, photo, given)
+    _check_in_picture(request, landmarks, photo)
     report("fitting", 2)
     options = PhotoFitOptions(perspective=request.perspective, focal_length=focal)
     fitter = PhotoFitter(model)
@@ -215,7 +216,7 @@ def overlay_picture(photo: NDArray[np.uint8], fit: PhotoFit, size: int = 900) ->
         return (np.asarray(points) + 0.5 - origin) * zoom - 0.5
 
     perspective = fit.intrinsics is not None
-    faces = skin.faces[region[skin.faces].all(axis=1)]
+    faces = skin.faces[region[skin.faces].any(axis=1)]  # one ring beyond, so that its edge is not ragged
     found = draw_points(shown, moved(fit.landmarks.points), radius=size / 220)
     marked = draw_points(found, moved(fit.reprojection), (230, 40, 60), size / 320)
     lines = draw_mesh_lines(shown, moved(pixels), seen[:, 2], faces, opacity=0.5, perspective=perspective)
@@ -268,6 +269,18 @@ def _find_landmarks(
             f"the detector found {len(faces)}."
         )
     return faces[request.face_index].convert("fw74"), len(faces)
+
+
+def _check_in_picture(request: FitPhotoRequest, landmarks: Landmarks, photo: NDArray[np.uint8]) -> None:
+    """Refuse landmarks of another picture: most of a face lies in its own."""
+    height, width = photo.shape[:2]
+    points = landmarks.points[landmarks.present]
+    inside = ((points >= -0.5) & (points <= (width - 0.5, height - 0.5))).all(axis=1)
+    if inside.mean() < 1 / 3:
+        raise ValueRangeError(
+            f"landmarks must lie in the picture they belong to: {request.photo} is {width} x {height} pixels, "
+            f"and {int((~inside).sum())} of {len(points)} points of {request.landmarks} lie outside."
+        )
 
 
 def _nearest(faces: list[Landmarks], by_hand: Landmarks) -> Landmarks:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from facewright.errors import ValueRangeError
 from facewright.imaging.rasterise import rasterise
 from facewright.mesh.normals import face_area_vectors
 from facewright.numeric.check import check_shape
@@ -36,8 +37,16 @@ def crop_around(
     origin : ndarray of shape (2,)
     zoom : float
         A point p of the picture lies at ``(p + 0.5 - origin) * zoom - 0.5`` in the crop.
+
+    Raises
+    ------
+    ValueRangeError
+        If the points extend over more than four times the picture, or lie as far away.
     """
     check_shape("points", points, "N", 2)
+    reach = 4.0 * max(image.shape[:2])
+    if not np.isfinite(points).any() or np.nanmax(np.abs(points)) > reach:
+        raise ValueRangeError(f"points must lie within {reach:.0f} pixels of the picture's corner, got others.")
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     side = float((high - low).max()) * (1 + 2 * margin)
     origin = (low + high) / 2 + 0.5 - side / 2
