@@ -20,6 +20,7 @@ from facewright.apps.export import ExportRequest, demo_clip, export_rig
 from facewright.errors import NoFaceError, StoreError
 from facewright.faces import load_face
 from facewright.faces.attributes import ATTRIBUTE_NAMES, measure_attributes
+from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.faces.expressions import expression_weights, random_expression_weights
 from facewright.faces.simulate import simulate_person
 from facewright.fitting.image import PhotoFit, PhotoFitter
@@ -276,4 +277,9 @@ def _write_page(out: Path, result: DemoResult, model: BilinearModel, fit: PhotoF
         figures,
         files,
         out / "person.glb",
+        {name.replace("_", " "): _nonzero(expression_weights(name)) for name in EXPRESSIONS},
     )
+
+
+def _nonzero(weights: NDArray[np.floating]) -> dict[str, float]:
+    return {name: round(float(w), 4) for name, w in zip(BLENDSHAPE_NAMES, weights) if w}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib import resources
@@ -51,6 +52,7 @@ def write_demo_page(
     figures: Sequence[Figure],
     files: Sequence[tuple[str, str]],
     glb: Path | None = None,
+    presets: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Path:
     """Write ``index.html`` (and the viewer's scripts) into `folder`.
 
@@ -68,6 +70,8 @@ def write_demo_page(
         What the folder holds for the user to take along.
     glb : Path, optional
         Rigged head for the turnable view.
+    presets : mapping of str to (mapping of str to float), optional
+        Buttons of that view: a name and the blendshape weights it sets; the others become 0.
 
     Returns
     -------
@@ -82,7 +86,8 @@ def write_demo_page(
     if glb is not None:
         with write_atomically(folder / "person.glb.js") as path:
             encoded = base64.b64encode(glb.read_bytes()).decode("ascii")
-            path.write_text(f'"use strict";\nconst PERSON_GLB = "{encoded}";\n', encoding="ascii")
+            buttons = json.dumps({name: dict(weights) for name, weights in (presets or {}).items()})
+            path.write_text(f'"use strict";\nconst PERSON_GLB = "{encoded}";\nconst PRESETS = {buttons};\n', "ascii")
         with write_atomically(folder / "viewer.js") as path:
             path.write_text(_data("viewer.js"), encoding="utf-8")
     body = [f"<h1>{escape(title)}</h1>", f"<p>{escape(introduction)}</p>"]

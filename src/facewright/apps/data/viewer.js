@@ -171,5 +171,10 @@ async function showGlb(canvas, buffer, onTargets) {
   }, { passive: false });
   window.addEventListener("resize", draw);
   upload();
-  onTargets(names, (k, weight) => { state.weights[k] = weight; upload(); });
+  let pending = false;
+  onTargets(names, (k, weight) => {
+    state.weights[k] = weight;
+    if (!pending) requestAnimationFrame(() => { pending = false; upload(); }); // many sliders at once: one redraw
+    pending = true;
+  });
 }
