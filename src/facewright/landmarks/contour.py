@@ -14,8 +14,9 @@ from facewright.numeric.check import check_indices, check_shape
 
 #: Angle off the forward axis at which the strips begin: the middle of the cheek, so that nose and lips stay out.
 _STRIP_START_DEGREES = 32.0
-#: How far beyond the marked jaw line the strips go, for heads that look up.
-_JAW_MARGIN_DEGREES = 3.0
+#: How far beyond the marked jaw line the strips go: under the chin, whose lowest points the line passes above, and at
+#: the sides, where the ears begin.
+_MARGIN_DEGREES = {"chin": 7.0, "sides": 2.0}
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +144,7 @@ def build_contour_strips(
     skin = np.asarray(mean_shape[start:stop], dtype=np.float64)
     directions = globe.directions(skin)
     meridians = np.linspace(globe.jaw_meridians[0], globe.jaw_meridians[-1], n_strips)
-    limits = np.interp(meridians, globe.jaw_meridians, globe.jaw_polar) + np.deg2rad(_JAW_MARGIN_DEGREES)
+    limits = globe.limits(meridians)
     share = np.linspace(0.0, 1.0, n_nodes)
     polar = np.deg2rad(_STRIP_START_DEGREES) * (1 - share) + limits[:, None] * share  # (K, M)
     wanted = np.stack(
@@ -174,8 +175,7 @@ def face_region(topology: Topology, mean_shape: NDArray[np.floating]) -> NDArray
     start, stop = topology.parts["face"]
     d = globe.directions(np.asarray(mean_shape[start:stop], dtype=np.float64))
     meridian = np.arctan2(d[:, 0], -d[:, 1])
-    limit = np.interp(meridian, globe.jaw_meridians, globe.jaw_polar) + np.deg2rad(_JAW_MARGIN_DEGREES)
-    return (np.flatnonzero(np.arccos(np.clip(d[:, 2], -1, 1)) <= limit) + start).astype(np.int32)
+    return (np.flatnonzero(np.arccos(np.clip(d[:, 2], -1, 1)) <= globe.limits(meridian)) + start).astype(np.int32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +206,12 @@ class _Globe:
         if (np.diff(meridian) <= 0).any():
             raise TopologyError(f"topology {topology.name!r} must mark its jaw line from the right temple to the left.")
         return cls(centre, meridian, np.arccos(d[:, 2]))
+
+    def limits(self, meridians: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the polar angle at which the face ends, a little beyond the jaw line, on each meridian."""
+        chin, sides = _MARGIN_DEGREES["chin"], _MARGIN_DEGREES["sides"]
+        margin = sides + (chin - sides) * np.maximum(np.cos(meridians), 0.0)
+        return np.interp(meridians, self.jaw_meridians, self.jaw_polar) + np.deg2rad(margin)
 
     def directions(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         d = points - self.centre
