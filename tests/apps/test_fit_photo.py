@@ -96,7 +96,7 @@ def test_points_of_a_file_win_over_detected_ones(files, tmp_path):
 @pytest.mark.landmarks
 def test_no_face_and_too_few_faces(files, tmp_path):
     pytest.importorskip("mediapipe")
-    write_image(tmp_path / "grey.png", np.full((80, 80, 3), 128, np.uint8))
+    write_image(tmp_path / "grey.png", np.full((640, 640, 3), 128, np.uint8))
     with pytest.raises(NoFaceError, match=r"grey\.png"):
         fit_photo(FitPhotoRequest(tmp_path / "grey.png", files.model, tmp_path / "out"))
     with pytest.raises(NoFaceError, match="at least 4"):
