@@ -14,6 +14,7 @@ PIP_INSTALL := -m pip install --quiet --disable-pip-version-check --no-input
 PYTHON ?= $(shell sh tools/find_python.sh 3.11 3.12)
 PYTHON_NUMPY2 ?= $(shell sh tools/find_python.sh 3.12 3.11)
 PYTEST_ARGS ?=
+BENCH_ARGS ?=
 
 ifneq ($(wildcard ../shared/data/README.md),)
 export FACEWRIGHT_TEST_DATA ?= $(abspath ../shared/data)
@@ -64,8 +65,13 @@ format: setup ## Format the code
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
-bench: setup ## Run the benchmarks against their peers
-	@for benchmark in benchmarks/[a-z]*.py; do echo "== $$benchmark"; $(PY) "$$benchmark"; done
+bench: $(VENV)/.bench-installed ## Run the benchmarks against their peers (BENCH_ARGS=--quick)
+	@$(PY) -m benchmarks $(BENCH_ARGS)
+
+$(VENV)/.bench-installed: $(VENV)/.installed
+	@echo "Installing the peers of the benchmarks, about 550 MB."
+	@$(PY) $(PIP_INSTALL) -c constraints/numpy1-landmarks.txt -e ".[landmarks,dev,bench]"
+	@touch $@
 
 docs: setup ## Renew docs/cli.md and the pictures of the examples
 	@$(PY) tools/make_cli_docs.py

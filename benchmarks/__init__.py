@@ -1,0 +1,1 @@
+"""Our code beside peers from the package index, in one run: ``python -m benchmarks``."""
