@@ -65,6 +65,10 @@ def test_writes_all_results(files, tmp_path):
     mesh = read_obj(result.paths["obj"])
     np.testing.assert_allclose(mesh.vertices, result.fit.vertices, atol=1e-4)
     assert read_image(result.paths["texture"]).shape == (64, 64, 3)
+    from facewright.io.gltf import read_gltf
+
+    (rig,) = read_gltf(result.paths["glb"]).meshes
+    np.testing.assert_allclose(rig.weights, result.fit.blendshape_weights, atol=1e-6)  # opens as in the photo
 
 
 def test_fit_exports_as_a_person(files, tmp_path):

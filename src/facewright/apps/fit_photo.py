@@ -359,7 +359,9 @@ def _write_rig(path: Path, fit: PhotoFit, texture: NDArray[np.uint8] | None) -> 
 
     rig = fit.rig
     licence = str(fit.model.provenance.get("licence", ""))
-    request = ExportRequest(rig, fit.model.topology, path, texture=texture, copyright=licence)
+    request = ExportRequest(
+        rig, fit.model.topology, path, texture=texture, copyright=licence, weights=fit.blendshape_weights
+    )
     colors = person_colors(face_of_model(fit.model))
     export_rig(replace(request, vertex_colors=colors))
 
