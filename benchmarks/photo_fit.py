@@ -6,7 +6,8 @@ the head (what its occluding edges expect). Two comparisons on pictures of unsee
 noise: with the landmarks that have a vertex, and with the contour as well (ours slides along strips, eos takes nearest
 vertices and occluding edges). Iterations and regularisation of eos are its defaults; its call hands the mesh over as a
 Python list, which is part of its time. Error: mean distance of corresponding vertices of the face, after the best
-similarity. The camera of eos is orthographic, ours perspective.
+similarity. The camera of eos is orthographic, ours perspective. Its contour fitting was made for the Surrey model: on
+this face it does worse than without (mostly by its occluding edges), and the set-up here may not be its best.
 """
 
 from __future__ import annotations
