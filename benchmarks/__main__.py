@@ -29,7 +29,7 @@ def main() -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run")
-    parser.add_argument("--quick", action="store_true", help="smaller sizes, fewer repeats; about three minutes on 2 cores")
+    parser.add_argument("--quick", action="store_true", help="smaller sizes, fewer repeats; about three minutes")
     parser.add_argument("--list", action="store_true", help="list the benchmarks and stop")
     options = parser.parse_args()
     unknown = [name for name in options.names if name not in BENCHMARKS]
