@@ -11,12 +11,20 @@ def skin(builtin_face):
     return builtin_face.skin()
 
 
-def test_similar_meshes_have_no_distance(skin, rng):
+def test_moved_mesh_has_no_distance(skin):
+    truth = skin.mean_shape.astype(np.float64)
+    moved = truth @ rotation_from_vector([0.1, 0.2, 0.3]).T + [5, 6, 7]
+    assert max(mesh_distance(moved, truth, skin.topology.faces, np.arange(len(truth)))) < 1e-6
+
+
+def test_size_counts_unless_taken_from_the_truth(skin):
     truth = skin.mean_shape.astype(np.float64)
     moved = 1.1 * truth @ rotation_from_vector([0.1, 0.2, 0.3]).T + [5, 6, 7]
     found = mesh_distance(moved, truth, skin.topology.faces, np.arange(len(truth)))
-    assert found.surface_mm < 1e-6 and found.correspondence_mm < 1e-6
-    assert found.rigid_correspondence_mm > 2
+    assert found.similarity_surface_mm < 1e-6 and found.similarity_correspondence_mm < 1e-6
+    assert found.surface_mm > 1
+    radius = np.linalg.norm(truth - truth.mean(axis=0), axis=1).mean()
+    assert found.correspondence_mm == pytest.approx(0.1 * radius, rel=1e-6)
 
 
 def test_sliding_within_the_surface_costs_correspondence_only(rng):

@@ -65,6 +65,8 @@ def test_suite_beats_the_mean_face(builtin_face, monkeypatch):
     assert N_PEOPLE == 150
     assert metrics["surface_mm"] < 0.8 * metrics["mean_face_mm"]
     assert metrics["correspondence_mm"] < 0.8 * metrics["mean_face_correspondence_mm"]
+    assert metrics["similarity_surface_mm"] < 0.8 * metrics["similarity_mean_face_mm"]
+    assert metrics["similarity_surface_mm"] < metrics["surface_mm"]
     assert metrics["reprojection_iod"] < 0.03
     if "detection_rate" in metrics:
         assert metrics["detection_rate"] == 1.0

@@ -18,16 +18,17 @@ class MeshDistance(NamedTuple):
     Parameters
     ----------
     surface_mm : float
-        From the mesh's vertices to the nearest point of the true surface, after the best similarity.
+        From the mesh's vertices to the nearest point of the true surface, after the best rigid motion.
     correspondence_mm : float
-        Between corresponding vertices, after the same similarity.
-    rigid_correspondence_mm : float
-        Between corresponding vertices after the best rigid motion, without change of size.
+        Between corresponding vertices, after the same rigid motion.
+    similarity_surface_mm, similarity_correspondence_mm : float
+        The same after the best similarity: what is left when size, too, is taken from the truth.
     """
 
     surface_mm: float
     correspondence_mm: float
-    rigid_correspondence_mm: float
+    similarity_surface_mm: float
+    similarity_correspondence_mm: float
 
 
 def mesh_distance(
@@ -56,10 +57,9 @@ def mesh_distance(
     check_shape("truth", truth, "V", 3, **sizes)
     check_indices("region", region, sizes["V"])
     ours, true = vertices[region].astype(np.float64), truth[region].astype(np.float64)
-    similar = estimate_similarity(ours, true).apply(ours)
-    rigid = estimate_similarity(ours, true, with_scale=False).apply(ours)
-    return MeshDistance(
-        float(closest_points(truth, faces, similar).distances.mean()),
-        float(np.linalg.norm(similar - true, axis=1).mean()),
-        float(np.linalg.norm(rigid - true, axis=1).mean()),
-    )
+    distances = []
+    for with_scale in (False, True):
+        moved = estimate_similarity(ours, true, with_scale=with_scale).apply(ours)
+        distances.append(float(closest_points(truth, faces, moved).distances.mean()))
+        distances.append(float(np.linalg.norm(moved - true, axis=1).mean()))
+    return MeshDistance(*distances)
