@@ -33,10 +33,6 @@ class NoFaceError(FacewrightError):
     """No face was found in a picture."""
 
 
-class NotFittedError(FacewrightError):
-    """A result was asked of something that has not been fitted."""
-
-
 class MissingExtraError(FacewrightError, ImportError):
     """An optional dependency is absent; the message says which extra to install."""
 

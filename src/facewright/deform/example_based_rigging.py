@@ -265,6 +265,40 @@ def fit_rig(
     coupled: Sequence[tuple[int, int]] = (),
     progress: Progress | None = None,
 ) -> FittedRig:
-    """Recover a person's blendshapes from acted poses once; see `RigFitter` and its `fit`."""
+    """Recover a person's blendshapes from acted poses; one line over `RigFitter`.
+
+    Parameters
+    ----------
+    neutral : ndarray of shape (V, 3), millimetres
+        The person at rest.
+    generic_deltas : ndarray of shape (B, V, 3), millimetres
+        The generic blendshapes carried to this person, displacements from `neutral`.
+    faces : ndarray of shape (F, 3)
+        Triangles.
+    poses : ndarray of shape (N, V, 3), millimetres
+        Acted poses, without head motion.
+    weights : ndarray of shape (N, B)
+        Weights of the guide poses, in [0, 1]; the acted weights themselves if `weights_known`.
+    weights_known : bool
+        Take `weights` as they are.
+    coupled : sequence of (int, int)
+        Pairs of shapes that a person does about as strongly as each other, such as left and right.
+    progress : callable, optional
+        Called as progress("fitting blendshapes", done, total).
+
+    Returns
+    -------
+    FittedRig
+        Blendshapes, acted weights, amplitudes.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        If shapes do not fit, values are not finite, or weights are out of range.
+
+    Notes
+    -----
+    Li, Weise and Pauly 2010; FaceWarehouse 3.2.3.
+    """
     fitter = RigFitter(neutral, generic_deltas, faces, coupled=coupled)
     return fitter.fit(poses, weights, weights_known=weights_known, progress=progress)
