@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -79,6 +80,24 @@ def test_fit_exports_as_a_person(files, tmp_path):
         ExportPersonRequest(tmp_path / "person.glb", model=files.model, fit=result.paths["parameters"])
     )
     assert exported.n_bytes > 10_000
+
+
+def test_a_fit_with_another_model_of_equal_size_is_refused(files, tmp_path):
+    from facewright.apps.build_model import BuildModelRequest, build_model
+    from facewright.apps.export_person import ExportPersonRequest, export_person
+
+    paths = [tmp_path / f"{seed}.fwbm" for seed in (1, 2)]
+    models = [
+        build_model(BuildModelRequest(path, "builtin", 3, 3, 4, seed, skin_only=True, n_unseen=0)).model
+        for seed, path in enumerate(paths)
+    ]
+    assert models[0].topology.fingerprint == models[1].topology.fingerprint
+    fit = fit_photo(replace(request(files, tmp_path / "fit"), model=paths[0])).paths["parameters"]
+    export_person(ExportPersonRequest(tmp_path / "a.glb", model=paths[0], fit=fit))
+    with pytest.raises(FileFormatError) as error:
+        export_person(ExportPersonRequest(tmp_path / "b.glb", model=paths[1], fit=fit))
+    assert all(word in str(error.value) for word in (models[0].model_id, models[1].model_id, "fit.json", "2.fwbm"))
+    assert not (tmp_path / "b.glb").exists()
 
 
 def test_weak_perspective_writes_no_pinhole(files, tmp_path):

@@ -282,7 +282,7 @@ def test_fits_of_another_topology_version_or_kind(change, small_model, tmp_path,
     good = {"format": "facewright photo fit", "version": 1, "identity_weights": [1.0, 0.0, 0.0]}
     (tmp_path / "fit.json").write_text(json.dumps(good | change))
     sentence = refused("export", tmp_path / "a.glb", "--model", small_model, "--fit", tmp_path / "fit.json")
-    assert "fit.json" in sentence and not (tmp_path / "a.glb").exists()
+    assert "fit.json" in sentence and "model_id" not in sentence and not (tmp_path / "a.glb").exists()
 
 
 # ---- disks and interruption ----

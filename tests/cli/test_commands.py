@@ -87,8 +87,14 @@ def test_export_from_every_source(small_model, tmp_path, source):
 
 def test_export_of_fitted_identity(small_model, tmp_path, refused):
     fit = tmp_path / "fit.json"
-    fit.write_text(json.dumps({"identity_weights": [1.0, 0.2, -0.3]}))
+    model_id = json.loads(_invoke("model", "info", small_model, "--json").stdout)["provenance"]["model_id"]
+    good = {"identity_weights": [1.0, 0.2, -0.3], "model": {"model_id": model_id}}
+    fit.write_text(json.dumps(good))
     assert _invoke("export", tmp_path / "a.gltf", "--model", small_model, "--fit", fit).exit_code == 0
+    for origin in ({}, None, {"model_id": "0123456789abcdef"}, {"model_id": 7}):  # size and mesh fit, the person not
+        fit.write_text(json.dumps(good | {"model": origin}))
+        sentence = refused("export", tmp_path / "b.glb", "--model", small_model, "--fit", fit)
+        assert "fit.json" in sentence and "model_id" in sentence and "run facewright fit" in sentence
     fit.write_text(json.dumps({"identity_weights": [1.0, 0.2]}))
     assert "of 3 numbers" in refused("export", tmp_path / "b.glb", "--model", small_model, "--fit", fit)
     fit.write_text("[]")

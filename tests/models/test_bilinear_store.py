@@ -77,6 +77,30 @@ def test_model_without_optional_parts(model, tmp_path):
     assert loaded.topology.mirror is None
 
 
+def test_identity_of_a_model(model, saved, tmp_path):
+    """Saving, loading and saving again keep it; another core, shapes or truncation change it."""
+    loaded = load_bilinear(saved)
+    assert loaded.provenance["model_id"] == loaded.model_id == model.model_id
+    save_bilinear(loaded, tmp_path / "again")
+    assert load_bilinear(tmp_path / "again").model_id == model.model_id
+    private = replace(model, identity_weights=np.zeros((0, model.n_identity)))
+    assert private.model_id == model.model_id
+    core = model.core_rows.copy()
+    core[-1, -1, -1, -1] += 1e-3
+    others = [replace(model, core_rows=core), replace(model, expression_weights=model.expression_weights[:, ::-1])]
+    others.append(loaded.truncated(model.n_identity - 1, model.n_expression))
+    assert len({other.model_id for other in (model, *others)}) == 4
+
+
+def test_a_file_that_states_no_identity(saved):
+    container = read_container(saved, KIND, FORMAT_VERSION)
+    blocks = {name: bytes(block) for name, block in container.blocks.items()}
+    del container.meta["provenance"]["model_id"]
+    write_container(saved, KIND, FORMAT_VERSION, container.meta, blocks)
+    first, second = load_bilinear(saved), load_bilinear(saved)
+    assert first.provenance["model_id"] == second.provenance["model_id"] == first.model_id
+
+
 def test_loaded_model_projects(model, saved, rng):
     loaded = load_bilinear(saved)
     w = model.in_gauge(model.sample_identity(rng), model.sample_expression(rng))

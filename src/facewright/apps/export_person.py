@@ -115,7 +115,7 @@ def _from_model(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, 
     assert request.model is not None
     model = load_bilinear(request.model)
     if request.fit is not None:
-        w_id = _fitted_identity(request.fit, model)
+        w_id = _fitted_identity(request.fit, model, request.model)
     elif request.person is not None:
         if request.person >= len(model.identity_weights):
             raise ValueRangeError(
@@ -128,7 +128,7 @@ def _from_model(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, 
     return model.blendshapes(w_id), model.topology, face_of_model(model), str(model.provenance.get("licence", ""))
 
 
-def _fitted_identity(path: Path, model: BilinearModel) -> NDArray[np.float64]:
+def _fitted_identity(path: Path, model: BilinearModel, model_path: Path) -> NDArray[np.float64]:
     from facewright.faces.blendshape_names import read_json
 
     content = read_json(path)
@@ -137,7 +137,8 @@ def _fitted_identity(path: Path, model: BilinearModel) -> NDArray[np.float64]:
         found = f"{content.get('format', FIT_FORMAT)!r} version {content.get('version', 1)!r}"
         raise FileFormatError(f"{path} must be {FIT_FORMAT!r} version 1, got {found}.")
     origin = content.get("model")
-    topology = origin.get("topology") if isinstance(origin, dict) else None
+    origin = origin if isinstance(origin, dict) else {}
+    topology = origin.get("topology")
     if topology not in (None, model.topology.fingerprint):
         raise TopologyError(
             f"{path} must be a fit of topology {model.topology.fingerprint}, the model's, got {topology!r}."
@@ -152,4 +153,19 @@ def _fitted_identity(path: Path, model: BilinearModel) -> NDArray[np.float64]:
             f"{path} must hold 'identity_weights' of {model.n_identity} numbers, as `facewright fit` writes them "
             f"with this model, got {w_id.size}."
         )
+    _check_model_id(path, origin.get("model_id"), model, model_path)
     return w_id
+
+
+def _check_model_id(path: Path, found: object, model: BilinearModel, model_path: Path) -> None:
+    """Refuse weights of another model: with this one, they would silently make another person."""
+    if found is None:
+        raise FileFormatError(
+            f"{path} must say by 'model_id' with which model the photo was fitted, got none: it was written by an "
+            f"older facewright or by hand; run facewright fit with {model_path} again."
+        )
+    if found != model.model_id:
+        raise FileFormatError(
+            f"{path} must be a fit with the model {model_path}, whose model_id is {model.model_id}, got a fit with "
+            f"model {found}; give that model, or run facewright fit with this one."
+        )

@@ -155,7 +155,11 @@ def fit_parameters(fit: PhotoFit) -> dict[str, Any]:
     parameters: dict[str, Any] = {
         "format": "facewright photo fit",
         "version": 1,
-        "model": {"topology": fit.model.topology.fingerprint, **dict(fit.model.provenance)},
+        "model": {
+            "topology": fit.model.topology.fingerprint,
+            **dict(fit.model.provenance),
+            "model_id": fit.model.model_id,
+        },
         "image_size": list(fit.image_size),
         "identity_weights": fit.identity_weights.tolist(),
         "expression_weights": fit.expression_weights.tolist(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -102,6 +103,20 @@ class BilinearModel:
     def core(self) -> NDArray[np.float32]:
         """The core tensor C_r as the paper writes it, (V, 3, I, E); a view."""
         return self.core_rows.transpose(2, 3, 0, 1)
+
+    @cached_property
+    def model_id(self) -> str:
+        """Identity of the model, 16 hex digits: weights are only meaningful with the model that has the same one.
+
+        What the model's file states, and so the same however often it is loaded; else a hash of core, shapes and mesh.
+        """
+        stated = self.provenance.get("model_id")
+        if isinstance(stated, str) and stated:
+            return stated
+        digest = hashlib.sha256(self.core_rows.data)
+        digest.update(np.ascontiguousarray(self.expression_weights).data)
+        digest.update(self.topology.fingerprint.encode())
+        return digest.hexdigest()[:16]
 
     @property
     def expression_gauge(self) -> NDArray[np.float64]:
@@ -252,6 +267,7 @@ class BilinearModel:
             identity_covariance=self.identity_covariance[I, I],
             expression_mean=self.expression_mean[E],
             expression_covariance=self.expression_covariance[E, E],
+            provenance={key: value for key, value in self.provenance.items() if key != "model_id"},
         )
 
     def _check_weights(self, w_id: Any, w_exp: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

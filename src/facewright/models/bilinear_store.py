@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,7 @@ def save_bilinear(model: BilinearModel, path: str | os.PathLike[str], *, max_err
         "planes": [len(planes) for planes in compressed.rows],
         "max_error_mm": compressed.max_error_mm,
         "expression_names": list(model.expression_names),
-        "provenance": dict(model.provenance),
+        "provenance": dict(model.provenance) | {"model_id": model.model_id},
         "topology": {
             "name": topology.name,
             "n_vertices": topology.n_vertices,
@@ -107,7 +108,8 @@ def save_bilinear(model: BilinearModel, path: str | os.PathLike[str], *, max_err
 def load_bilinear(path: str | os.PathLike[str]) -> BilinearModel:
     """Load a model saved by `save_bilinear`.
 
-    Its provenance tells the error of the storage as ``stored_max_error_mm``.
+    Its provenance tells the error of the storage as ``stored_max_error_mm`` and the model's identity as ``model_id``:
+    that of the model that was saved, or, in files that do not state it, that of the stored numbers.
 
     Raises
     ------
@@ -142,13 +144,14 @@ def _model(container: Container, path: str) -> BilinearModel:
         if not np.isfinite(arrays[name]).all():
             raise ValueError(f"{name} that is not finite")
     topology = _topology(meta["topology"], arrays)
-    return BilinearModel(
+    model = BilinearModel(
         core_rows=decompress_core(steps, rows, V, path),
         expression_names=names,
         topology=topology,
         provenance={**meta["provenance"], "stored_max_error_mm": float(meta["max_error_mm"])},
         **{name: arrays[name] for name in _ARRAYS},
     )
+    return replace(model, provenance={**model.provenance, "model_id": model.model_id})
 
 
 def _topology(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Topology:
