@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from facewright.errors import TopologyError
 from facewright.fitting.energies.identity_prior import IdentityPrior
-from facewright.fitting.small_algebra import contract_first, contract_last
+from facewright.fitting.small_algebra import contract_first, contract_last, contract_points
 from facewright.landmarks.contour import ContourStrips, build_contour_strips, slide_on_outline
 from facewright.landmarks.scheme import LandmarkScheme
 from facewright.models.bilinear import BilinearModel
@@ -61,7 +61,7 @@ class PersonPoints:
 
     def candidates(self, w_exp: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return the contour candidates (N, 3), millimetres."""
-        return (self.strips.reshape(-1, len(w_exp)) @ w_exp).reshape(-1, 3)
+        return contract_points(self.strips, np.ascontiguousarray(w_exp, dtype=np.float64))
 
     def expression_matrix(self, places: ContourPlaces) -> NDArray[np.float64]:
         """Return (L, 3, E) at the fixed landmarks and the contour's places: points are this times w_exp."""

@@ -43,8 +43,8 @@ class MeshSynthesiser:
         """Return the face (V, 3), millimetres, of identity and expression weights: eq. (10)."""
         weights = np.outer(w_id, w_exp).reshape(-1).astype(np.float32)
         rows = self._rows_that_matter(weights)
-        w, out = weights[rows], np.zeros(self._rows.shape[1], dtype=np.float32)
-        for_blocks(out.size, _BLOCK, lambda start, stop: _combine(self._rows, rows, w, out, start, stop))
+        out = np.zeros(self._rows.shape[1], dtype=np.float32)
+        for_blocks(out.size, _BLOCK, lambda start, stop: _combine(self._rows, rows, weights, out, start, stop))
         return out.reshape(-1, 3)
 
     def _rows_that_matter(self, weights: NDArray[np.float32]) -> NDArray[np.intp]:
@@ -56,8 +56,9 @@ class MeshSynthesiser:
         while share > 0.05:
             # a first guess as if the rows were uncorrelated; what they really add together is then measured
             n_left_out = int(np.searchsorted(total, (share * self.tolerance_mm) ** 2, side="right"))
-            left_out = np.sort(order[:n_left_out])
-            left = float(np.linalg.norm(weights[left_out] @ self._probe_rows[left_out]))
+            probe = np.zeros(self._probe_rows.shape[1], dtype=np.float32)
+            _combine(self._probe_rows, np.sort(order[:n_left_out]), weights, probe, 0, probe.size)
+            left = float(np.sqrt(probe @ probe))
             if left <= self.tolerance_mm:
                 return np.sort(order[n_left_out:])
             share *= 0.9 * self.tolerance_mm / left
@@ -68,7 +69,7 @@ class MeshSynthesiser:
 def _combine(core, rows, weights, out, start, stop):  # type: ignore[no-untyped-def]
     part = out[start:stop]
     for k in range(rows.size):
-        w = weights[k]
+        w = weights[rows[k]]
         row = core[rows[k], start:stop]
         for j in range(part.size):
             part[j] += w * row[j]

@@ -24,6 +24,20 @@ def contract_last(core, w):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_REORDER)
+def contract_points(core, w):  # type: ignore[no-untyped-def]
+    """Return core (N, 3, E) times w (E,): (N, 3) float64."""
+    N, D, E = core.shape
+    out = np.empty((N, D))
+    for n in range(N):
+        for d in range(D):
+            total = 0.0
+            for e in range(E):
+                total += core[n, d, e] * w[e]
+            out[n, d] = total
+    return out
+
+
+@njit(cache=True, fastmath=_REORDER)
 def contract_first(core, c):  # type: ignore[no-untyped-def]
     """Return c (K,) times core (K, M): (M,) float64; the first weight is 1."""
     K, M = core.shape
