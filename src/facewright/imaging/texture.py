@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
+from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
 
 from facewright.errors import TopologyError
 from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.imaging.render import Albedo
+from facewright.mesh.geodesics import path_graph
 from facewright.mesh.normals import vertex_normals
 from facewright.mesh.topology import Topology
 from facewright.numeric.check import check_shape
+
+#: Over this distance along the skin the photo fades out beyond the face and before the ears.
+_FADE_MM = 12.0
+#: The least spread of skin's `_tone_features` over a face: brightness varies with the light, shares of colour little.
+_TONE_FLOOR = (0.2, 0.018, 0.016)
+#: Insides of nostrils and lash lines, as multiples of the skin's sRGB colour: a dark reddish brown.
+_DARK = np.array([0.30, 0.19, 0.17])
 
 
 def sample_bilinear(image: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -88,8 +98,10 @@ def bake_texture(
 ) -> NDArray[np.uint8]:
     """Carry the photograph that a mesh was fitted to into the mesh's texture atlas.
 
-    Texels that the camera saw take the photo's colour; those it did not take the mirrored side's, and beyond that a
-    smooth continuation of the skin that was seen.
+    Texels of the face that the camera saw take the photo's colour; those it did not take the mirrored side's, and
+    beyond that a smooth continuation of the skin that was seen. Ears, neck, scalp and the insides of the nostrils never
+    show the photo, nor does the forehead where it is not skin-coloured: hair, collar and background lie there as often
+    as skin. The face is the topology's masks ``face_region`` (or ``face``) and ``ears``; without them all is face.
 
     Parameters
     ----------
@@ -125,26 +137,34 @@ def bake_texture(
     chosen = _chosen_faces(topology, textured)
     image = photo.astype(np.float32) / 255.0
     weight = _visibility((image.shape[0], image.shape[1]), pixels, camera_vertices, topology.faces, perspective)
-    skin = np.zeros(V, bool)
-    skin[topology.faces[chosen]] = True
-    weight = weight * skin
-    cheeks = np.zeros(V, bool)
-    for name in ("cheeks_left", "cheeks_right"):
-        cheeks[topology.masks.get(name, [])] = True
-    colours = _continue_colours(sample_bilinear(image, pixels), weight, topology.faces[chosen], cheeks)
+    zones = _zones(topology, np.asarray(camera_vertices, np.float64), chosen)
+    sampled = sample_bilinear(image, pixels)
+    tone = _skin_tone(sampled, (weight > 0.6) & zones.cheeks, zones.masked)
+    weight = weight * zones.photo
+    mirror = np.arange(V) if topology.mirror is None else topology.mirror
 
     texels = texels_from_uv(uv, (size, size))
     atlas = rasterise(texels, np.zeros(len(uv)), uv_faces[chosen], (size, size), perspective=False)
     inside = atlas.covered
-    own = [np.asarray(pixels), weight[:, None]]
-    mirror = np.arange(V) if topology.mirror is None else topology.mirror
-    other = [np.asarray(pixels)[mirror], weight[mirror][:, None]]
-    values = atlas.interpolate(topology.faces[chosen], np.concatenate([*own, *other, colours], axis=1))[inside]
-    seen, seen_mirrored = _ease(values[:, 2:3]), _ease(values[:, 5:6])
-    fallback = values[:, 6:9]
-    fallback = seen_mirrored * sample_bilinear(image, values[:, 3:5]) + (1 - seen_mirrored) * fallback
+    columns = [np.asarray(pixels), weight[:, None], np.asarray(pixels)[mirror], weight[mirror][:, None]]
+    values = atlas.interpolate(topology.faces[chosen], np.column_stack([*columns, zones.doubt]))
+    own = sample_bilinear(image, values[inside, 0:2])
+    other = sample_bilinear(image, values[inside, 3:5])
+    doubt = values[..., 6]
+    likeness = [_certain_skin(_likeness(c, tone), inside, doubt, size / 85) for c in (own, other)]
+
+    corners = np.zeros((V, 2))
+    corners[topology.faces[chosen]] = texels[uv_faces[chosen]]
+    trusted = weight * sample_bilinear(likeness[0][..., None], corners)[:, 0] * _likeness(sampled, tone)
+    filled = _continue_colours(sampled, trusted, topology.faces[chosen], tone.colour)
+    filled = filled * (1 - zones.dark) + zones.dark * tone.colour * _DARK
+    fallback = atlas.interpolate(topology.faces[chosen], filled)[inside]
+    seen = (_ease(values[..., 2]) * likeness[0])[inside, None]
+    # where hair hides the skin, the mirrored side's hair line would not fit
+    hair = _ease(values[..., 2]) * (1 - likeness[0])
+    seen_mirrored = (_ease(values[..., 5]) * likeness[1] * (1 - hair))[inside, None]
     texture = np.zeros((size, size, 3), np.float32)
-    texture[inside] = seen * sample_bilinear(image, values[:, 0:2]) + (1 - seen) * fallback
+    texture[inside] = seen * own + (1 - seen) * (seen_mirrored * other + (1 - seen_mirrored) * fallback)
     nearest = ndimage.distance_transform_edt(~inside, return_distances=False, return_indices=True)
     texture = texture[tuple(nearest)]
     return np.round(np.clip(texture, 0, 1) * 255).astype(np.uint8)
@@ -193,11 +213,114 @@ def _visibility(
     return np.clip((facing - 0.35) / 0.35, 0, 1) * ahead
 
 
+@dataclass(frozen=True, eq=False)
+class _Zones:
+    """What the topology's masks say about each vertex, shape (V,); see `_zones`."""
+
+    photo: NDArray[np.float64]
+    doubt: NDArray[np.float64]
+    dark: NDArray[np.float64]
+    cheeks: NDArray[np.bool_]
+    masked: bool
+
+
+def _zones(topology: Topology, vertices: NDArray[np.float64], chosen: NDArray[np.bool_]) -> _Zones:
+    """Return where the photo counts (0 to 1), where only its skin does, and where holes are dark."""
+    V = topology.n_vertices
+    graph = path_graph(vertices, topology.faces[chosen], diagonals=False)
+
+    def mask(*names: str) -> NDArray[np.bool_]:
+        out = np.zeros(V, bool)
+        for name in names:
+            out[topology.masks.get(name, [])] = True
+        return out
+
+    def away(source: NDArray[np.bool_]) -> NDArray[np.float64]:
+        if not source.any():
+            return np.full(V, np.inf)
+        return np.asarray(dijkstra(graph, indices=np.flatnonzero(source), min_only=True))
+
+    skin = np.zeros(V, bool)
+    skin[topology.faces[chosen]] = True
+    cheeks = mask("cheeks_left", "cheeks_right")
+    ears, holes, lashes = mask("ears"), mask("nostril_insides"), mask("lash_line_left", "lash_line_right")
+    face = mask("face_region" if "face_region" in topology.masks else "face") & ~ears
+    lids = mask("eyelid_upper_left", "eyelid_upper_right")
+    masked = bool(face.any() and cheeks.any())
+    photo = skin.astype(np.float64)
+    doubt = np.zeros(V)
+    if masked:
+        photo *= 1 - _ease(away(face) / _FADE_MM)
+        photo *= _ease(away(ears) / _FADE_MM)
+        # brows, lashes, lips, beards and shadows round the nose differ from the cheeks, and belong to the face
+        features = mask("nose", "lips", "chin") | cheeks | lids | lashes
+        near_brows = _ease(away(mask("brow_left", "brow_right")) / 4.0)  # a fringe may end just above them
+        doubt = np.minimum(_ease((away(features) - 3.0) / 5.0), near_brows)
+    photo *= _ease(away(holes) / 1.5)
+    # of an open eye's lid the camera sees a narrow strip, mostly lashes: closed, it would smear over the lid
+    photo *= np.where(lids, _ease(away(lashes) / 8.0), 1.0)
+    dark = np.where(holes, _ease(away(~holes & skin) / 3.0), 0.0)
+    dark = np.maximum(dark, 0.6 * (lashes & lids))[:, None]
+    return _Zones(photo, doubt, dark, cheeks if masked else skin, masked)
+
+
+@dataclass(frozen=True, eq=False)
+class _SkinTone:
+    """The cheeks' colour (3,), sRGB, and the place and spread of their `_tone_features`; none where unknown."""
+
+    colour: NDArray[np.float64]
+    middle: NDArray[np.float64] | None = None
+    spread: NDArray[np.float64] | None = None
+
+
+def _tone_features(colours: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return logarithmic brightness, share of red, share of blue; (N, 3)."""
+    lifted = np.asarray(colours, np.float64) + 0.02
+    total = lifted.sum(axis=1)
+    return np.stack([np.log(total), lifted[:, 0] / total, lifted[:, 2] / total], axis=1)
+
+
+def _skin_tone(sampled: NDArray[np.floating], cheeks: NDArray[np.bool_], masked: bool) -> _SkinTone:
+    """Take the skin's tone from the cheeks' vertices that the camera sees."""
+    if not masked or cheeks.sum() < 10:
+        return _SkinTone(np.median(sampled[cheeks], axis=0) if cheeks.any() else np.array([0.8, 0.6, 0.5]))
+    features = _tone_features(sampled[cheeks])
+    middle = np.median(features, axis=0)
+    spread = 1.4826 * np.median(np.abs(features - middle), axis=0)
+    return _SkinTone(np.median(sampled[cheeks], axis=0), middle, np.maximum(spread, _TONE_FLOOR))
+
+
+def _likeness(colours: NDArray[np.floating], tone: _SkinTone) -> NDArray[np.float64]:
+    """Return how much colours (N, 3) look like the cheeks, 0 to 1."""
+    if tone.middle is None or tone.spread is None:
+        return np.ones(len(colours))
+    off = np.linalg.norm((_tone_features(colours) - tone.middle) / tone.spread, axis=1)
+    return np.asarray(_ease((4.0 - off) / 1.5))
+
+
+def _certain_skin(
+    likeness: NDArray[np.floating], inside: NDArray[np.bool_], doubt: NDArray[np.floating], radius: float
+) -> NDArray[np.float64]:
+    """Return where colours are skin, as a picture of soft weights.
+
+    What is not skin is spread by `radius` texels, and skin that hangs together with no part of the face beyond doubt
+    (a bright lock of hair) is left out.
+    """
+    picture = np.ones(inside.shape)
+    picture[inside] = 1 - doubt[inside] * (1 - likeness)
+    width = 2 * round(radius) + 1
+    shrunk = ndimage.minimum_filter(ndimage.median_filter(picture, 5), width)
+    pieces, _ = ndimage.label((shrunk > 0.5) & inside)
+    attached = np.unique(pieces[inside & (doubt < 0.05)])
+    shrunk *= np.isin(pieces, attached[attached > 0])
+    return 1 - doubt * (1 - ndimage.gaussian_filter(shrunk, 0.6 * radius))
+
+
 def _continue_colours(
     sampled: NDArray[np.floating],
     weight: NDArray[np.floating],
     faces: NDArray[np.integer],
-    typical_vertices: NDArray[np.bool_],
+    typical: NDArray[np.floating],
 ) -> NDArray[np.float32]:
     """Extend the seen vertices' colours smoothly over the rest of the mesh (a screened Laplace equation)."""
     V = len(sampled)
@@ -205,11 +328,8 @@ def _continue_colours(
     graph = sparse.coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(V, V)).tocsr()
     graph = ((graph + graph.T) > 0).astype(np.float64)
     laplacian = sparse.diags(np.asarray(graph.sum(axis=1)).ravel()) - graph
-    confident = weight > 0.6
-    shown = confident & typical_vertices if (confident & typical_vertices).any() else confident
-    typical = np.median(sampled[shown], axis=0) if shown.any() else np.array([0.8, 0.6, 0.5])
-    data = np.where(confident, weight, 0.0) * 2.0
-    screen = 1e-3  # far from anything seen, return to the colour of the cheeks
+    data = np.where(weight > 0.6, weight, 0.0) * 2.0
+    screen = 4e-3  # far from anything seen, return to the colour of the cheeks
     system = (laplacian + sparse.diags(data + screen)).tocsc()
     filled = splu(system).solve(data[:, None] * sampled + screen * typical)
     return filled.astype(np.float32)
