@@ -51,14 +51,14 @@ def test_writes_all_results(files, tmp_path):
     stages = []
     result = fit_photo(request(files, tmp_path / "new" / "out"), lambda *a: stages.append(a))
     assert {p.name for p in (tmp_path / "new" / "out").iterdir()} >= {
-        "fit.json", "face.obj", "face.glb", "texture.png", "overlay.png",
+        "fit.json", "landmarks.json", "face.obj", "face.glb", "texture.png", "overlay.png",
     }  # fmt: skip
     assert all(path.stat().st_size > 0 for path in result.paths.values())
     assert stages[-1][1] == stages[-1][2] and [s[1] for s in stages] == sorted(s[1] for s in stages)
     content = json.loads(result.paths["parameters"].read_text())
     beta = content["blendshapes"]
-    assert sum(beta.values()) == pytest.approx(1.0)
-    assert all(0 <= beta[name] <= 1 for name in beta if name != "neutral")
+    assert tuple(beta) == result.fit.rig.names and "neutral" not in beta
+    assert all(0 <= weight <= 1 for weight in beta.values())
     np.testing.assert_allclose(content["identity_weights"], result.fit.identity_weights)
     assert content["reprojection_iod"] < 0.06
     from facewright.io.obj import read_obj
@@ -70,6 +70,33 @@ def test_writes_all_results(files, tmp_path):
 
     (rig,) = read_gltf(result.paths["glb"]).meshes
     np.testing.assert_allclose(rig.weights, result.fit.blendshape_weights, atol=1e-6)  # opens as in the photo
+
+
+def test_written_landmarks_can_be_corrected_and_given_again(files, tmp_path):
+    result = fit_photo(request(files, tmp_path))
+    again = fit_photo(request(files, tmp_path, landmarks=result.paths["landmarks"]))
+    np.testing.assert_allclose(again.fit.identity_weights, result.fit.identity_weights, atol=1e-4)
+    content = json.loads(again.paths["landmarks"].read_text())
+    content["points"][45][0] += 3.0
+    again.paths["landmarks"].write_text(json.dumps(content))
+    moved = fit_photo(request(files, tmp_path, landmarks=again.paths["landmarks"]))
+    assert moved.fit.landmarks.points[45, 0] - again.fit.landmarks.points[45, 0] == pytest.approx(3.0)
+
+
+def test_a_failure_late_keeps_the_old_results(files, tmp_path, monkeypatch):
+    fit_photo(request(files, tmp_path / "out"))
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("facewright.apps.fit_photo.overlay_picture", interrupted)
+    for out in ("out", "new/er"):
+        with pytest.raises(KeyboardInterrupt):
+            fit_photo(request(files, tmp_path / out, perspective=False))
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 def test_fit_exports_as_a_person(files, tmp_path):
@@ -124,6 +151,7 @@ def test_no_face_and_too_few_faces(files, tmp_path):
         fit_photo(FitPhotoRequest(tmp_path / "grey.png", files.model, tmp_path / "out"))
     with pytest.raises(NoFaceError, match="at least 4"):
         fit_photo(FitPhotoRequest(files.photo, files.model, tmp_path / "out", face_index=3))
+    assert not (tmp_path / "out").exists()
     # points alone are enough where the detector sees nothing
     result = fit_photo(
         FitPhotoRequest(tmp_path / "grey.png", files.model, tmp_path / "out", landmarks=files.points, texture_size=32)
@@ -153,7 +181,7 @@ def test_refuses_bad_input_and_leaves_nothing(files, tmp_path):
     write_landmarks(tmp_path / "few.json", Landmarks("fw74", files.landmarks.points, few))
     with pytest.raises(DegenerateError, match="10 landmarks"):
         fit_photo(request(files, out, landmarks=tmp_path / "few.json"))
-    assert not list(out.iterdir())
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(

@@ -198,8 +198,7 @@ def test_landmark_files_that_cannot_be(kind, photo, small_model, points, tmp_pat
     before = set(tmp_path.iterdir())
     sentence = refused(*_without_detector(photo, small_model, points, tmp_path / "out"))
     assert kind in ("few", "one place") or "points.json" in sentence
-    left = set(tmp_path.rglob("*")) - before - {tmp_path / "out"}
-    assert not left
+    assert set(tmp_path.rglob("*")) == before
 
 
 def test_landmarks_of_another_picture(small_model, points, tmp_path, refused):
@@ -249,12 +248,23 @@ def test_no_face_and_too_few_faces(photo, small_model, tmp_path, refused):
     write_image(tmp_path / "astronaut.png", data.astronaut())
     sentence = refused("fit", tmp_path / "astronaut.png", "--model", small_model, "--out", out, "--face", 1)
     assert "found 1" in sentence
-    assert not out.exists() or not list(out.iterdir())
+    assert not out.exists()
 
 
 def test_a_full_disk_while_fitting(photo, small_model, points, small_disk, refused):
-    assert "no space left" in refused(*_without_detector(photo, small_model, points, small_disk / "out"))
-    assert not [p for p in small_disk.rglob("*") if p.name.startswith(".")]
+    (small_disk / "old").mkdir()
+    (small_disk / "old" / "fit.json").write_text("precious")
+    for out in (small_disk / "deep" / "out", small_disk / "old"):
+        sentence = refused(*_without_detector(photo, small_model, points, out))
+        assert "no space left" in sentence and str(out) in sentence and ".part" not in sentence
+    assert sorted(small_disk.rglob("*")) == [small_disk / "old", small_disk / "old" / "fit.json"]
+    assert (small_disk / "old" / "fit.json").read_text() == "precious"
+
+
+def test_a_full_disk_while_exporting_a_folder(small_disk, refused):
+    sentence = refused("export", small_disk / "deep" / "shapes")
+    assert "no space left" in sentence and str(small_disk / "deep" / "shapes") in sentence
+    assert not list(small_disk.iterdir())
 
 
 # ---- maps, fits ----
@@ -322,6 +332,21 @@ def test_a_folder_that_must_not_be_written(tmp_path, refused):
     assert "file" in refused("export", tmp_path / "file")
     (tmp_path / "folder.glb").mkdir()
     assert "folder" in refused("export", tmp_path / "folder.glb")
+
+
+def test_ctrl_c_while_exporting_a_folder(command, tmp_path):
+    out = tmp_path / "deep" / "shapes"
+    process = subprocess.Popen(command("export", out), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        deadline = time.monotonic() + 60
+        while len(list(tmp_path.rglob("*.obj"))) < 2 and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.01)  # until two of the 47 files are there
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 130, stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])

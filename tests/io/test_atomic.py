@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from facewright.errors import StoreError
-from facewright.io.atomic import write_atomically
+from facewright.io.atomic import write_atomically, write_set_atomically
 
 
 def listing(folder: Path) -> list[str]:
@@ -116,3 +116,76 @@ def test_body_that_removes_its_file_is_reported(tmp_path):
     with pytest.raises(StoreError, match="cannot be written"), write_atomically(tmp_path / "a") as temporary:
         temporary.unlink()
     assert listing(tmp_path) == []
+
+
+# ---- sets of files ----
+
+
+def write_two(folder):
+    (folder / "a.txt").write_text("new a")
+    (folder / "b.txt").write_text("new b")
+
+
+def test_a_set_arrives_at_once_and_other_files_stay(tmp_path):
+    out = tmp_path / "deep" / "set"
+    with write_set_atomically(out) as temporary:
+        write_two(temporary)
+        assert not (tmp_path / "deep").exists()
+    assert listing(out) == ["a.txt", "b.txt"] and listing(tmp_path) == ["deep"]
+    (out / "mine.txt").write_text("stays")
+    (out / "a.txt").write_text("old a")
+    with write_set_atomically(out) as temporary:
+        write_two(temporary)
+    assert listing(out) == ["a.txt", "b.txt", "mine.txt"]
+    assert (out / "a.txt").read_text() == "new a"
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, StoreError, OSError(errno.ENOSPC, "full")])
+@pytest.mark.parametrize("where", ["body", "first move", "second move"])
+def test_a_failing_set_leaves_everything_as_it_was(tmp_path, monkeypatch, error, where):
+    old = tmp_path / "old"
+    old.mkdir()
+    (old / "a.txt").write_text("old a")
+    (old / "mine.txt").write_text("stays")
+    calls, replace = [], os.replace
+
+    def failing(source, target):
+        calls.append(target)
+        if where != "body" and Path(target).name == ("a.txt" if where == "first move" else "b.txt"):
+            if not armed:
+                return replace(source, target)
+            armed.clear()
+            raise error
+        return replace(source, target)
+
+    monkeypatch.setattr("os.replace", failing)
+    for out in (old, tmp_path / "new" / "set"):
+        armed = [True]
+        expected = StoreError if isinstance(error, OSError) else error
+        with pytest.raises(expected), write_set_atomically(out) as temporary:
+            write_two(temporary)
+            if where == "body":
+                raise error
+        assert listing(tmp_path) == ["old"] and listing(old) == ["a.txt", "mine.txt"]
+        assert (old / "a.txt").read_text() == "old a"
+
+
+def test_a_set_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for out in (tmp_path / "file", tmp_path / "file" / "out"):
+        with pytest.raises(StoreError, match="must be a folder that can be made"), write_set_atomically(out):
+            pytest.fail("the body must not run")
+    (tmp_path / "set" / "b.txt").mkdir(parents=True)
+    with pytest.raises(StoreError, match=r"b\.txt must be a file"), write_set_atomically(tmp_path / "set") as temporary:
+        write_two(temporary)
+    assert listing(tmp_path / "set") == ["b.txt"]
+
+
+def test_errors_of_a_set_name_the_final_place(tmp_path):
+    with (
+        pytest.raises(StoreError) as caught,
+        write_set_atomically(tmp_path / "out") as temporary,
+        write_atomically(temporary / "a.txt"),
+    ):
+        raise OSError(errno.ENOSPC, "full")
+    assert str(tmp_path / "out" / "a.txt") in str(caught.value) and ".part" not in str(caught.value)

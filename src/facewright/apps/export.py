@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from facewright.errors import StoreError, ValueRangeError
+from facewright.errors import ValueRangeError
 from facewright.mesh.topology import Topology
 from facewright.numeric.check import check_shape
 
@@ -327,6 +327,7 @@ def _colors(request: ExportRequest, n: int) -> NDArray[np.uint8] | None:
 def _export_obj_folder(
     request: ExportRequest, names: tuple[str, ...], deltas: NDArray[Any], progress: Progress | None
 ) -> ExportResult:
+    from facewright.io.atomic import write_set_atomically
     from facewright.io.image import write_image
     from facewright.io.obj import write_obj
     from facewright.mesh.polygon_uv import polygon_uv
@@ -336,36 +337,30 @@ def _export_obj_folder(
     for name in names:
         if not name or name.startswith(".") or "/" in name or "\\" in name:
             raise ValueRangeError(f"names must be usable as file names, got {name!r}.")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{folder} must be a folder that can be made, got: {error.strerror or error}.") from error
     topology = request.topology
     faces, uv_faces = topology.faces, topology.uv_faces
     if topology.quads is not None:
         corners = None if uv_faces is None else polygon_uv(topology.quads, faces, uv_faces)
         if uv_faces is None or corners is not None:
             faces, uv_faces = topology.quads, corners
-    texture = None
-    paths: list[Path] = []
-    if request.texture is not None:
-        texture = folder / "texture.png"
-        write_image(texture, request.texture)
-    for k, name in enumerate(("", *names)):
-        path = folder / (f"{name}.obj" if name else first)
-        write_obj(
-            path,
-            request.rig.neutral if not name else request.rig.neutral + deltas[k - 1],
-            faces,
-            uv=topology.uv,
-            uv_faces=uv_faces if topology.uv is not None else None,
-            vertex_colors=request.vertex_colors if texture is None else None,
-            texture=texture.name if texture else None,
-            comment=f"facewright: {name or 'neutral'}, millimetres\n{request.copyright}",
-        )
-        paths.append(path)
-        if progress is not None:
-            progress("writing shapes", k + 1, len(names) + 1)
-    paths += [texture] if texture else []
+    files = [f"{name}.obj" if name else first for name in ("", *names)]
+    texture = None if request.texture is None else "texture.png"
+    with write_set_atomically(folder) as temporary:
+        if request.texture is not None:
+            write_image(temporary / "texture.png", request.texture)
+        for k, name in enumerate(("", *names)):
+            write_obj(
+                temporary / files[k],
+                request.rig.neutral if not name else request.rig.neutral + deltas[k - 1],
+                faces,
+                uv=topology.uv,
+                uv_faces=uv_faces if topology.uv is not None else None,
+                vertex_colors=request.vertex_colors if texture is None else None,
+                texture=texture,
+                comment=f"facewright: {name or 'neutral'}, millimetres\n{request.copyright}",
+            )
+            if progress is not None:
+                progress("writing shapes", k + 1, len(names) + 1)
+    paths = [folder / file for file in files] + ([folder / texture] if texture else [])
     n_bytes = sum(path.stat().st_size for path in paths)
     return ExportResult(tuple(paths), names, topology.n_vertices, len(faces), n_bytes)

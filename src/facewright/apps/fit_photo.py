@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facewright.errors import NoFaceError, StoreError, ValueRangeError
+from facewright.errors import NoFaceError, ValueRangeError
 
 if TYPE_CHECKING:
     from facewright.fitting.image import PhotoFit, PhotoFitOptions
@@ -85,7 +85,7 @@ class FitPhotoResult:
     fit_ms : float
         Time of the fit with its mesh, without detector, compilation and files.
     paths : mapping of str to Path
-        ``parameters``, ``obj``, ``glb``, ``texture``, ``overlay``.
+        ``parameters``, ``landmarks``, ``obj``, ``glb``, ``texture``, ``overlay``.
     """
 
     fit: PhotoFit
@@ -107,8 +107,9 @@ def fit_photo(request: FitPhotoRequest, progress: Progress | None = None) -> Fit
     Returns
     -------
     FitPhotoResult
-        The fit and the files: ``fit.json``, ``face.obj`` (as in the photo), ``face.glb`` (rig of the person, standing
-        at the photo's expression, textured by the photo), ``texture.png``, ``overlay.png``.
+        The fit and the files: ``fit.json``, ``landmarks.json`` (the points that were fitted, to correct and give
+        again), ``face.obj`` (as in the photo), ``face.glb`` (rig of the person, standing at the photo's expression,
+        textured by the photo), ``texture.png``, ``overlay.png``; all of them or none.
 
     Raises
     ------
@@ -122,6 +123,7 @@ def fit_photo(request: FitPhotoRequest, progress: Progress | None = None) -> Fit
         If too few landmarks are known.
     """
     from facewright.fitting.image import PhotoFitOptions, PhotoFitter
+    from facewright.io.atomic import write_set_atomically
     from facewright.io.image import read_focal_length, read_image
     from facewright.models.bilinear_store import load_bilinear
 
@@ -131,24 +133,29 @@ def fit_photo(request: FitPhotoRequest, progress: Progress | None = None) -> Fit
     focal = request.focal_length if request.focal_length is not None else read_focal_length(request.photo)
     given = _given_landmarks(request)
     model = load_bilinear(request.model)
-    _make_folder(request.out)
-    report("finding landmarks", 1)
-    landmarks, n_faces = _find_landmarks(request, photo, given)
-    _check_in_picture(request, landmarks, photo)
-    report("fitting", 2)
-    options = PhotoFitOptions(perspective=request.perspective, focal_length=focal)
-    fitter = PhotoFitter(model)
-    size = (photo.shape[0], photo.shape[1])
-    fitter.fit(landmarks, size, options)  # compiles
-    start = time.perf_counter()
-    fit = fitter.fit(landmarks, size, options)
-    fit_ms = 1e3 * (time.perf_counter() - start)
-    paths = _write_results(request, photo, fit, options, fit_ms, n_faces, report)
-    return FitPhotoResult(fit, n_faces, fit_ms, paths)
+    with write_set_atomically(request.out) as folder:  # before the work: tells at once where it cannot be made
+        report("finding landmarks", 1)
+        landmarks, n_faces = _find_landmarks(request, photo, given)
+        _check_in_picture(request, landmarks, photo)
+        report("fitting", 2)
+        options = PhotoFitOptions(perspective=request.perspective, focal_length=focal)
+        fitter = PhotoFitter(model)
+        size = (photo.shape[0], photo.shape[1])
+        fitter.fit(landmarks, size, options)  # compiles
+        start = time.perf_counter()
+        fit = fitter.fit(landmarks, size, options)
+        fit_ms = 1e3 * (time.perf_counter() - start)
+        names = _write_results(request, folder, photo, fit, options, fit_ms, n_faces, report)
+    report("done", _STAGES)
+    return FitPhotoResult(fit, n_faces, fit_ms, {key: request.out / name for key, name in names.items()})
 
 
 def fit_parameters(fit: PhotoFit) -> dict[str, Any]:
-    """Return all parameters of a fit as JSON values; arrays as lists, angles in degrees where the name says so."""
+    """Return all parameters of a fit as JSON values; arrays as lists, angles in degrees where the name says so.
+
+    ``blendshapes`` holds the weights in [0, 1] by which the displacements of the shapes are added to the neutral, which
+    itself is implicit: it always counts once.
+    """
     names = fit.model.expression_names
     yaw, pitch, roll = fit.head_angles_degrees
     beta = fit.blendshape_weights
@@ -163,10 +170,7 @@ def fit_parameters(fit: PhotoFit) -> dict[str, Any]:
         "image_size": list(fit.image_size),
         "identity_weights": fit.identity_weights.tolist(),
         "expression_weights": fit.expression_weights.tolist(),
-        "blendshapes": {
-            names[0]: float(1.0 - beta.sum()),
-            **{name: float(weight) for name, weight in zip(names[1:], beta)},
-        },
+        "blendshapes": {name: float(weight) for name, weight in zip(names[1:], beta)},
         "head_degrees": {"yaw": yaw, "pitch": pitch, "roll": roll},
         "weak_perspective": {
             "scale": fit.weak_camera.scale,
@@ -204,8 +208,7 @@ def overlay_picture(photo: NDArray[np.uint8], fit: PhotoFit, size: int = 900) ->
     size : int
         Side of each of the four pictures, pixels.
     """
-    from facewright.imaging.overlay import crop_around, draw_mesh_lines, draw_points
-    from facewright.imaging.render import render_mesh
+    from facewright.imaging.overlay import crop_around, draw_mesh_lines, draw_points, draw_shaded
     from facewright.landmarks.contour import face_region
 
     topology = fit.model.topology
@@ -220,12 +223,48 @@ def overlay_picture(photo: NDArray[np.uint8], fit: PhotoFit, size: int = 900) ->
         return (np.asarray(points) + 0.5 - origin) * zoom - 0.5
 
     perspective = fit.intrinsics is not None
-    faces = skin.faces[region[skin.faces].any(axis=1)]  # one ring beyond, so that its edge is not ragged
     found = draw_points(shown, moved(fit.landmarks.points), radius=size / 220)
     marked = draw_points(found, moved(fit.reprojection), (230, 40, 60), size / 320)
-    lines = draw_mesh_lines(shown, moved(pixels), seen[:, 2], faces, opacity=0.5, perspective=perspective)
-    shaded = render_mesh(seen, moved(pixels), faces, (size, size), background=shown, perspective=perspective).image
+    polygons = skin.faces if skin.quads is None else skin.quads
+    within = np.append(region, True)[polygons].all(axis=1)  # -1 pads a triangle
+    lines = draw_mesh_lines(
+        shown,
+        moved(pixels),
+        seen[:, 2],
+        skin.faces,
+        polygons[within],
+        opacity=0.6,
+        width=size / 900,
+        perspective=perspective,
+    )
+    plaster = np.full((n_skin, 3), 0.81)
+    plaster[skin.masks.get("nostril_insides", [])] = 0.2
+    fade = _faded_region(seen, skin.faces, region)
+    shaded = draw_shaded(shown, seen, moved(pixels), skin.faces, fade, albedo=plaster, perspective=perspective)
     return np.vstack([np.hstack([shown, marked]), np.hstack([lines, shaded])])
+
+
+def _faded_region(
+    vertices: NDArray[np.floating[Any]],
+    faces: NDArray[np.integer[Any]],
+    region: NDArray[np.bool_],
+    fade_mm: float = 8.0,
+) -> NDArray[np.float64]:
+    """Return 1 inside the region, falling smoothly to 0 within `fade_mm` along the surface beyond it, shape (V,)."""
+    from scipy import sparse
+    from scipy.sparse.csgraph import dijkstra
+
+    from facewright.mesh.connectivity import vertex_adjacency
+    from facewright.mesh.geodesics import path_graph
+
+    graph = path_graph(vertices, faces)
+    away = dijkstra(graph, indices=np.flatnonzero(region), min_only=True, limit=4 * fade_mm)
+    weight = 1 - np.clip(away / fade_mm, 0, 1)
+    neighbours = vertex_adjacency(faces, len(vertices)).astype(np.float64) + sparse.eye(len(vertices))
+    mean = sparse.diags(1 / np.asarray(neighbours.sum(axis=1)).ravel()) @ neighbours
+    for _ in range(4):  # the region ends in steps of whole triangles
+        weight = mean @ weight
+    return np.asarray(weight * weight * (3 - 2 * weight))
 
 
 def _reporter(progress: Progress | None) -> Callable[[str, int], None]:
@@ -242,13 +281,6 @@ def _given_landmarks(request: FitPhotoRequest) -> Landmarks | None:
     from facewright.landmarks.files import read_landmarks
 
     return read_landmarks(request.landmarks)
-
-
-def _make_folder(out: Path) -> None:
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{out} must be a folder that can be made, got: {error.strerror or error}.") from error
 
 
 def _find_landmarks(
@@ -297,28 +329,31 @@ def _nearest(faces: list[Landmarks], by_hand: Landmarks) -> Landmarks:
 
 def _write_results(
     request: FitPhotoRequest,
+    folder: Path,
     photo: NDArray[np.uint8],
     fit: PhotoFit,
     options: PhotoFitOptions,
     fit_ms: float,
     n_faces: int,
     report: Callable[[str, int], None],
-) -> dict[str, Path]:
+) -> dict[str, str]:
+    """Write all results into `folder`; returns what each file is, and its name."""
     from facewright.io.atomic import write_atomically
     from facewright.io.image import write_image
     from facewright.io.obj import write_obj
+    from facewright.landmarks.files import write_landmarks
 
-    paths = {"parameters": request.out / "fit.json", "obj": request.out / "face.obj"}
+    names = {"parameters": "fit.json", "landmarks": "landmarks.json", "obj": "face.obj"}
     topology = fit.model.topology
     texture = None
     report("baking the texture", 3)
     if topology.uv is not None and topology.uv_faces is not None:
         texture = _texture(photo, fit, request.texture_size)
-        paths["texture"] = request.out / "texture.png"
-        write_image(paths["texture"], texture)
+        names["texture"] = "texture.png"
+        write_image(folder / names["texture"], texture)
     report("writing the mesh", 4)
     write_obj(
-        paths["obj"],
+        folder / names["obj"],
         fit.vertices,
         topology.faces,
         uv=topology.uv if texture is not None else None,
@@ -326,18 +361,19 @@ def _write_results(
         texture=None if texture is None else "texture.png",
         comment=f"facewright: face fitted to {request.photo.name}, millimetres",
     )
-    paths["glb"] = request.out / "face.glb"
-    _write_rig(paths["glb"], fit, texture)
+    names["glb"] = "face.glb"
+    _write_rig(folder / names["glb"], fit, texture)
     report("drawing the overlay", 5)
-    paths["overlay"] = request.out / "overlay.png"
-    write_image(paths["overlay"], overlay_picture(photo, fit))
+    names["overlay"] = "overlay.png"
+    write_image(folder / names["overlay"], overlay_picture(photo, fit))
     parameters = fit_parameters(fit)
     parameters |= {"photo": str(request.photo), "n_faces": n_faces, "fit_ms": fit_ms}
     parameters["options"] = {"perspective": options.perspective, "focal_length": options.focal_length}
-    with write_atomically(paths["parameters"]) as temporary:
-        temporary.write_text(json.dumps(parameters, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    report("done", _STAGES)
-    return paths
+    write_landmarks(folder / names["landmarks"], fit.landmarks)
+    text = json.dumps(parameters, indent=1, allow_nan=False) + "\n"
+    with write_atomically(folder / names["parameters"]) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return names
 
 
 def _texture(photo: NDArray[np.uint8], fit: PhotoFit, size: int) -> NDArray[np.uint8]:

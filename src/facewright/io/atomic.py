@@ -1,4 +1,4 @@
-"""Write a file completely or not at all: temporary file in the same folder, fsync, rename."""
+"""Write a file, or a set of files, completely or not at all: temporary place on the same disk, fsync, rename."""
 
 from __future__ import annotations
 
@@ -72,6 +72,100 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
     with suppress(OSError):
         _flush_to_disk(target.parent)
+
+
+@contextmanager
+def write_set_atomically(folder: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary folder; on success its files move to `folder`, on any failure nothing of them stays.
+
+    Files of other names that `folder` holds stay. After a failure (full disk, Ctrl-C, an error of the body) older
+    files of the same names are as they were, and folders that were made for the set are gone.
+
+    Parameters
+    ----------
+    folder : str or path
+        Where the files shall lie; made with its parents, at the end, where it does not exist.
+
+    Yields
+    ------
+    pathlib.Path
+        Existing, empty folder on the same disk, for files without folders of their own.
+
+    Raises
+    ------
+    StoreError
+        If `folder` cannot be made, permission is missing, the disk is full, or one of its files is a folder or device.
+        Messages of the body's StoreErrors name the final place. Other errors pass through unchanged.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as parent:
+    ...     with write_set_atomically(Path(parent) / "new" / "set") as temporary:
+    ...         _ = (temporary / "a.txt").write_text("hello")
+    ...     (Path(parent) / "new" / "set" / "a.txt").read_text()
+    'hello'
+    """
+    target = Path(os.path.realpath(folder))
+    missing = [path for path in (target, *target.parents) if not os.path.lexists(path)]
+    base = missing[-1].parent if missing else target
+    temporary = base / f".facewright.{secrets.token_hex(6)}.part"
+    try:
+        try:
+            temporary.mkdir()
+        except OSError as error:
+            raise StoreError(f"{folder} must be a folder that can be made, got: {error.strerror or error}.") from error
+        try:
+            yield temporary
+            _move_files(temporary, target, missing[::-1])
+        except StoreError as error:
+            raise StoreError(str(error).replace(str(temporary), str(folder))) from error
+        except OSError as error:
+            message = _disk_message(error, temporary, target)
+            if message is None:
+                raise
+            raise StoreError(message) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _move_files(temporary: Path, target: Path, missing: list[Path]) -> None:
+    """Make the missing folders (outermost first) and move all files; undo both where one step fails."""
+    names = sorted(path.name for path in temporary.iterdir())
+    old = temporary / ".old"
+    done = False
+    try:
+        old.mkdir()
+        for path in missing:
+            path.mkdir()
+        for name in names:
+            _check_target(target / name)
+        for name in names:
+            if os.path.lexists(target / name):
+                os.replace(target / name, old / name)  # noqa: PTH105
+            os.replace(temporary / name, target / name)  # noqa: PTH105
+        with suppress(OSError):
+            _flush_to_disk(target)
+        done = True
+    except OSError as error:
+        if isinstance(error, StoreError):
+            raise
+        raise StoreError(f"{target} cannot be written: {error.strerror or error}.") from error
+    finally:
+        if not done:
+            _move_back(temporary, target, names)
+            for path in missing[::-1]:
+                with suppress(OSError):
+                    path.rmdir()
+
+
+def _move_back(temporary: Path, target: Path, names: list[str]) -> None:
+    for name in names:
+        with suppress(OSError):
+            if not os.path.lexists(temporary / name):  # it had been moved
+                (target / name).unlink(missing_ok=True)
+            if os.path.lexists(temporary / ".old" / name):
+                os.replace(temporary / ".old" / name, target / name)  # noqa: PTH105
 
 
 def _check_target(target: Path) -> None:
