@@ -1,15 +1,18 @@
 import numpy as np
 
 from facewright.fitting.box_quadratic import minimise_in_box
-from facewright.fitting.small_algebra import contract_first, contract_last, normal_equations, solve_spd
+from facewright.fitting.small_algebra import contract_first, contract_last, contract_points, normal_equations, solve_spd
 
 
 def test_kernels_equal_numpy(rng):
     core, w = rng.normal(size=(5, 7, 4)).astype(np.float32), rng.normal(size=4).astype(np.float32)
     np.testing.assert_allclose(contract_last(core, w), core @ w, rtol=1e-4, atol=1e-5)
-    c = rng.normal(size=5).astype(np.float32)
+    c = rng.normal(size=7).astype(np.float32)  # one row that stands alone, four at once, two left over
     c[0] = 1.0
-    np.testing.assert_allclose(contract_first(core.reshape(5, -1), c), c @ core.reshape(5, -1), rtol=1e-4, atol=1e-5)
+    rows = rng.normal(size=(7, 20)).astype(np.float32)
+    np.testing.assert_allclose(contract_first(rows, c), c @ rows, rtol=1e-4, atol=1e-5)
+    points, w64 = rng.normal(size=(6, 3, 4)), rng.normal(size=4)
+    np.testing.assert_allclose(contract_points(points, w64), points @ w64)
     J, weights, r = rng.normal(size=(30, 6)), rng.uniform(0, 2, 30), rng.normal(size=30)
     weights[3] = 0.0
     H, g = normal_equations(J, weights, r)

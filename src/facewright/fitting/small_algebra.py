@@ -42,7 +42,13 @@ def contract_first(core, c):  # type: ignore[no-untyped-def]
     """Return c (K,) times core (K, M): (M,) float64; the first weight is 1."""
     K, M = core.shape
     out = core[0].copy()
-    for k in range(1, K):
+    whole = 1 + 4 * ((K - 1) // 4)
+    for k in range(1, whole, 4):  # four rows for each pass over the sum
+        c0, c1, c2, c3 = c[k], c[k + 1], c[k + 2], c[k + 3]
+        row0, row1, row2, row3 = core[k], core[k + 1], core[k + 2], core[k + 3]
+        for m in range(M):
+            out[m] += c0 * row0[m] + c1 * row1[m] + c2 * row2[m] + c3 * row3[m]
+    for k in range(whole, K):
         ck = c[k]
         row = core[k]
         for m in range(M):
@@ -56,9 +62,17 @@ def normal_equations(J, w, r):  # type: ignore[no-untyped-def]
     N, P = J.shape
     H = np.zeros((P, P))
     g = np.zeros(P)
-    for n in range(N):
-        if w[n] == 0.0:
-            continue
+    whole = 4 * (N // 4)
+    for n in range(0, whole, 4):  # four rows for each pass over the sums
+        row0, row1, row2, row3 = J[n], J[n + 1], J[n + 2], J[n + 3]
+        w0, w1, w2, w3 = w[n], w[n + 1], w[n + 2], w[n + 3]
+        for i in range(P):
+            a0, a1, a2, a3 = w0 * row0[i], w1 * row1[i], w2 * row2[i], w3 * row3[i]
+            g[i] += a0 * r[n] + a1 * r[n + 1] + a2 * r[n + 2] + a3 * r[n + 3]
+            target = H[i]
+            for j in range(i, P):
+                target[j] += a0 * row0[j] + a1 * row1[j] + a2 * row2[j] + a3 * row3[j]
+    for n in range(whole, N):
         row = J[n]
         for i in range(P):
             scaled = w[n] * row[i]
