@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from facewright.errors import ShapeError, ValueRangeError
-from facewright.imaging.overlay import crop_around, draw_mesh_lines, draw_points
+from facewright.imaging.overlay import crop_around, draw_mesh_lines, draw_points, draw_shaded
 
 
 def test_crop_maps_points_where_it_says():
@@ -49,3 +49,27 @@ def test_lines_of_hidden_triangles_are_not_drawn():
     assert drawn[5, 15].any() and not drawn[8, 14].any()
     alone = draw_mesh_lines(np.zeros((40, 40, 3), np.uint8), far, depth[3:], faces[:1], perspective=False)
     assert alone[8, 14].any()
+
+
+def test_shading_fades_where_the_surface_is_see_through():
+    pixels = np.array([[-20.0, -20], [-20, 100], [100, -20]])
+    camera = np.column_stack([pixels - 20, np.full(3, 300.0)])
+    faces, photo = np.array([[0, 1, 2]]), np.full((40, 40, 3), (200, 30, 30), np.uint8)
+    solid = draw_shaded(photo, camera, pixels, faces, np.ones(3), perspective=False)
+    half = draw_shaded(photo, camera, pixels, faces, np.full(3, 0.5), perspective=False)
+    none = draw_shaded(photo, camera, pixels, faces, np.zeros(3), perspective=False)
+    np.testing.assert_array_equal(none, photo)
+    assert np.abs(solid.astype(float) - photo)[:30, :30].mean() > 20
+    np.testing.assert_allclose(half, (solid.astype(float) + photo) / 2, atol=1)
+    with pytest.raises(ShapeError, match="opacity must have shape"):
+        draw_shaded(photo, camera, pixels, faces, np.ones(2))
+
+
+def test_wider_lines_cover_more():
+    pixels = np.array([[5.0, 5], [5, 35], [35, 5]])
+    black, faces = np.zeros((40, 40, 3), np.uint8), np.array([[0, 1, 2]])
+    thin, wide = (
+        draw_mesh_lines(black, pixels, np.full(3, 9.0), faces, width=w, perspective=False).sum(dtype=float)
+        for w in (0.5, 1.5)
+    )
+    assert 2.5 < wide / thin < 4

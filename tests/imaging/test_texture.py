@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -70,3 +72,27 @@ def test_refuses_meshes_without_an_atlas_and_wrong_counts():
         bake_texture(photo, vertices[:5, :2], vertices, topology)
     with pytest.raises(ShapeError, match="textured must have shape"):
         bake_texture(photo, vertices[:, :2], vertices, topology, textured=np.ones(3, bool))
+
+
+def test_only_the_face_shows_the_photo():
+    vertices, topology = globe(48)
+    masks = {
+        "face_region": np.flatnonzero((vertices[:, 2] > 20) & (vertices[:, 1] > -40)),
+        "cheeks_left": np.flatnonzero((np.hypot(vertices[:, 0] - 20, vertices[:, 1]) < 14) & (vertices[:, 2] > 0)),
+        "nostril_insides": np.flatnonzero((np.hypot(vertices[:, 0], vertices[:, 1] - 5) < 10) & (vertices[:, 2] > 0)),
+    }
+    topology = replace(topology, masks={k: v.astype(np.int32) for k, v in masks.items()})
+    camera, pixels = portrait_view(vertices, (240, 240), centre_mm=(0, 0, 0), height_mm=160)
+    skin, hair, collar = np.array([220, 175, 155]), (120, 95, 30), (10, 10, 200)
+    photo = np.tile(skin, (240, 240, 1)).astype(np.uint8)
+    photo[:72], photo[190:] = hair, collar
+    photo[130:134, 100:140] = (150, 60, 60)  # lips, in the middle of the face, are far from the cheeks' colour
+    topology.masks["lips"] = np.flatnonzero(
+        (np.abs(vertices[:, 0]) < 20) & (np.abs(vertices[:, 1] + 8) < 8) & (vertices[:, 2] > 0)
+    ).astype(np.int32)
+    texture = bake_texture(photo, pixels, camera, topology, size=512, perspective=True)
+    seen = texture_albedo(texture, topology)(rasterise(pixels, camera[:, 2], topology.faces, (240, 240))) * 255
+    for y, x in ((60, 120), (195, 120), (140, 90), (100, 60)):  # where hair was, where the collar was, cheek, side
+        np.testing.assert_allclose(seen[y, x], skin, atol=6)
+    assert seen[112, 120].max() < 100 and seen[112, 120, 0] > 1.3 * seen[112, 120, 2]
+    assert seen[132, 120, 1] < 90

@@ -238,7 +238,8 @@ def overlay_picture(photo: NDArray[np.uint8], fit: PhotoFit, size: int = 900) ->
         perspective=perspective,
     )
     plaster = np.full((n_skin, 3), 0.81)
-    plaster[skin.masks.get("nostril_insides", [])] = 0.2
+    plaster[skin.masks.get("nostrils", [])] = 0.35  # light does not get in there
+    plaster[skin.masks.get("nostril_insides", [])] = 0.12
     fade = _faded_region(seen, skin.faces, region)
     shaded = draw_shaded(shown, seen, moved(pixels), skin.faces, fade, albedo=plaster, perspective=perspective)
     return np.vstack([np.hstack([shown, marked]), np.hstack([lines, shaded])])

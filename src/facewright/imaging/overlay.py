@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
+from scipy import ndimage
 
 from facewright.errors import ValueRangeError
 from facewright.imaging.rasterise import rasterise
+from facewright.imaging.render import Albedo, render_mesh
 from facewright.mesh.normals import face_area_vectors
 from facewright.numeric.check import check_shape
 
@@ -83,6 +85,7 @@ def draw_mesh_lines(
     colour: Colour = (90, 200, 255),
     *,
     opacity: float = 0.7,
+    width: float = 0.5,
     perspective: bool = True,
 ) -> NDArray[np.uint8]:
     """Return the picture with the mesh's visible edges drawn over it.
@@ -101,13 +104,15 @@ def draw_mesh_lines(
         Of the lines.
     opacity : float
         Of the lines, 0 to 1.
+    width : float
+        Of the lines, pixels, in steps of a half.
     perspective : bool
         Whether the projection is a pinhole's.
     """
-    height, width = image.shape[:2]
+    size = image.shape[1], image.shape[0]
     zoom = 2
     fine = (np.asarray(pixels, dtype=np.float64) + 0.5) * zoom - 0.5
-    nearest = rasterise(fine, depth, faces, (height * zoom, width * zoom), perspective=perspective).depth
+    nearest = rasterise(fine, depth, faces, (size[1] * zoom, size[0] * zoom), perspective=perspective).depth
     shown = faces if polygons is None else polygons
     following = np.roll(shown, -1, axis=1)
     following = np.where(following >= 0, following, shown[:, :1])  # after the last corner comes the first
@@ -117,14 +122,55 @@ def draw_mesh_lines(
     towards = np.zeros(len(pixels), bool)
     towards[faces[face_area_vectors(flat, faces)[:, 2] < 0]] = True
     x, y = np.round(fine[:, 0]).astype(int), np.round(fine[:, 1]).astype(int)
-    inside = (x >= 0) & (x < width * zoom) & (y >= 0) & (y < height * zoom) & towards
+    inside = (x >= 0) & (x < size[0] * zoom) & (y >= 0) & (y < size[1] * zoom) & towards
     seen = np.zeros(len(pixels), bool)
     seen[inside] = depth[inside] <= nearest[y[inside], x[inside]] + 3.0
-    mask = Image.new("L", (width * zoom, height * zoom))
+    mask = Image.new("L", (size[0] * zoom, size[1] * zoom))
+    thickness = max(1, round(width * zoom))
     draw = ImageDraw.Draw(mask)
     for i, j in edges[seen[edges].all(axis=1)]:
-        draw.line((*(fine[i] + 0.5), *(fine[j] + 0.5)), fill=round(255 * opacity), width=1)
-    return _tint(image, mask.resize((width, height), Image.Resampling.BOX), colour)
+        draw.line((*(fine[i] + 0.5), *(fine[j] + 0.5)), fill=round(255 * opacity), width=thickness)
+    return _tint(image, mask.resize(size, Image.Resampling.BOX), colour)
+
+
+def draw_shaded(
+    image: NDArray[np.uint8],
+    camera_vertices: NDArray[np.floating],
+    pixels: NDArray[np.floating],
+    faces: NDArray[np.integer],
+    opacity: NDArray[np.floating],
+    *,
+    albedo: Albedo | None = None,
+    perspective: bool = True,
+) -> NDArray[np.uint8]:
+    """Return the picture with the mesh shaded over it, see-through where vertices say so.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), uint8
+        Picture.
+    camera_vertices, pixels : ndarray of shape (V, 3) and (V, 2)
+        Vertices in the camera's frame, mm, and their projections.
+    faces : ndarray of shape (F, 3)
+        Triangles.
+    opacity : ndarray of shape (V,)
+        Of the surface, 0 to 1; what lies behind a see-through surface stays hidden.
+    albedo : see `facewright.imaging.render.render_mesh`
+        Surface colour.
+    perspective : bool
+        Whether the projection is a pinhole's.
+    """
+    check_shape("opacity", opacity, len(camera_vertices))
+    height, width = image.shape[:2]
+    drawn = render_mesh(
+        camera_vertices, pixels, faces, (height, width), albedo=albedo, background=image, perspective=perspective
+    )
+    depth = np.asarray(camera_vertices)[:, 2]
+    fragments = rasterise(pixels, depth, faces, (height, width), perspective=perspective)
+    weight = fragments.interpolate(faces, np.asarray(opacity)[:, None])
+    # at the rim, pixels whose centre the mesh misses take the opacity beside them
+    weight = np.where(fragments.covered[..., None], weight, ndimage.maximum_filter(weight, (3, 3, 1)))
+    return np.round(image * (1 - weight) + drawn.image * weight).astype(np.uint8)
 
 
 def _tint(image: NDArray[np.uint8], mask: Image.Image, colour: Colour) -> NDArray[np.uint8]:
