@@ -1,7 +1,14 @@
 import numpy as np
 
 from facewright.fitting.box_quadratic import minimise_in_box
-from facewright.fitting.small_algebra import contract_first, contract_last, contract_points, normal_equations, solve_spd
+from facewright.fitting.small_algebra import (
+    contract_between,
+    contract_first,
+    contract_last,
+    contract_points,
+    normal_equations,
+    solve_spd,
+)
 
 
 def test_kernels_equal_numpy(rng):
@@ -13,6 +20,9 @@ def test_kernels_equal_numpy(rng):
     np.testing.assert_allclose(contract_first(rows, c), c @ rows, rtol=1e-4, atol=1e-5)
     points, w64 = rng.normal(size=(6, 3, 4)), rng.normal(size=4)
     np.testing.assert_allclose(contract_points(points, w64), points @ w64)
+    strips, first, second = rng.normal(size=(2, 6, 3, 4)).astype(np.float32), np.array([0, 4]), np.array([1, 2])
+    at = 0.75 * (strips @ w)[:, first] + 0.25 * (strips @ w)[:, second]
+    np.testing.assert_allclose(contract_between(strips, first, second, np.full(2, 0.25), w), at, rtol=1e-4, atol=1e-5)
     J, weights, r = rng.normal(size=(30, 6)), rng.uniform(0, 2, 30), rng.normal(size=30)
     weights[3] = 0.0
     H, g = normal_equations(J, weights, r)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from facewright.errors import TopologyError
 from facewright.fitting.energies.identity_prior import IdentityPrior
-from facewright.fitting.small_algebra import contract_first, contract_last, contract_points
+from facewright.fitting.small_algebra import contract_between, contract_first, contract_last, contract_points
 from facewright.landmarks.contour import ContourStrips, build_contour_strips, slide_on_outline
 from facewright.landmarks.scheme import LandmarkScheme
 from facewright.models.bilinear import BilinearModel
@@ -187,8 +187,6 @@ class LandmarkModel:
         """Return (1 + K, L, 3) at the fixed landmarks and the contour's places: points are row 0 + c rows 1..K."""
         w = w_exp.astype(np.float32)
         K1, E = len(self.core), len(w)
-        both = np.concatenate([places.first, places.second])
         fixed = contract_last(self.core.reshape(K1, -1, E), w).reshape(K1, -1, 3)
-        corners = contract_last(self.strip_core[:, both].reshape(K1, -1, E), w).reshape(K1, 2, -1, 3)
-        share = places.fraction[:, None]
-        return np.concatenate([fixed, (1.0 - share) * corners[:, 0] + share * corners[:, 1]], axis=1)
+        contour = contract_between(self.strip_core, places.first, places.second, places.fraction, w)
+        return np.concatenate([fixed, contour], axis=1)

@@ -7,10 +7,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from facewright.models.bilinear import BilinearModel
-from facewright.numeric.threads import for_blocks
-
-_BLOCK = 17408  # coordinates summed at a time: long stretches of the core, two of them for 11,248 vertices
-
 
 #: The left-out part is measured on so many vertices, spread evenly over the mesh.
 _PROBES = 512
@@ -44,7 +40,7 @@ class MeshSynthesiser:
         weights = np.outer(w_id, w_exp).reshape(-1).astype(np.float32)
         rows = self._rows_that_matter(weights)
         out = np.zeros(self._rows.shape[1], dtype=np.float32)
-        for_blocks(out.size, _BLOCK, lambda start, stop: _combine(self._rows, rows, weights, out, start, stop))
+        _combine(self._rows, rows, weights, out)  # in one thread: starting another costs as much as it saves
         return out.reshape(-1, 3)
 
     def _rows_that_matter(self, weights: NDArray[np.float32]) -> NDArray[np.intp]:
@@ -57,7 +53,7 @@ class MeshSynthesiser:
             # a first guess as if the rows were uncorrelated; what they really add together is then measured
             n_left_out = int(np.searchsorted(total, (share * self.tolerance_mm) ** 2, side="right"))
             probe = np.zeros(self._probe_rows.shape[1], dtype=np.float32)
-            _combine(self._probe_rows, np.sort(order[:n_left_out]), weights, probe, 0, probe.size)
+            _combine(self._probe_rows, np.sort(order[:n_left_out]), weights, probe)
             left = float(np.sqrt(probe @ probe))
             if left <= self.tolerance_mm:
                 return np.sort(order[n_left_out:])
@@ -65,18 +61,16 @@ class MeshSynthesiser:
         return np.arange(len(weights))
 
 
-@njit(cache=True, nogil=True, fastmath=True)
-def _combine(core, rows, weights, out, start, stop):  # type: ignore[no-untyped-def]
-    part = out[start:stop]
+@njit(cache=True, fastmath=True)
+def _combine(core, rows, weights, out):  # type: ignore[no-untyped-def]
     whole = 4 * (rows.size // 4)
     for k in range(0, whole, 4):  # four rows for each pass over the sum
         w0, w1, w2, w3 = weights[rows[k]], weights[rows[k + 1]], weights[rows[k + 2]], weights[rows[k + 3]]
-        row0, row1 = core[rows[k], start:stop], core[rows[k + 1], start:stop]
-        row2, row3 = core[rows[k + 2], start:stop], core[rows[k + 3], start:stop]
-        for j in range(part.size):
-            part[j] += w0 * row0[j] + w1 * row1[j] + w2 * row2[j] + w3 * row3[j]
+        row0, row1, row2, row3 = core[rows[k]], core[rows[k + 1]], core[rows[k + 2]], core[rows[k + 3]]
+        for j in range(out.size):
+            out[j] += w0 * row0[j] + w1 * row1[j] + w2 * row2[j] + w3 * row3[j]
     for k in range(whole, rows.size):
         w = weights[rows[k]]
-        row = core[rows[k], start:stop]
-        for j in range(part.size):
-            part[j] += w * row[j]
+        row = core[rows[k]]
+        for j in range(out.size):
+            out[j] += w * row[j]

@@ -24,6 +24,24 @@ def contract_last(core, w):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_REORDER)
+def contract_between(core, first, second, fraction, w):  # type: ignore[no-untyped-def]
+    """Return core (K, N, 3, E) times w (E,) at places between `first` (C,) and `second`: (K, C, 3) float64."""
+    K, _, D, E = core.shape
+    C = first.size
+    out = np.empty((K, C, D))
+    for k in range(K):
+        for i in range(C):
+            for d in range(D):
+                a, b = core[k, first[i], d], core[k, second[i], d]
+                at_a, at_b = np.float32(0.0), np.float32(0.0)
+                for e in range(E):
+                    at_a += a[e] * w[e]
+                    at_b += b[e] * w[e]
+                out[k, i, d] = (1.0 - fraction[i]) * at_a + fraction[i] * at_b
+    return out
+
+
+@njit(cache=True, fastmath=_REORDER)
 def contract_points(core, w):  # type: ignore[no-untyped-def]
     """Return core (N, 3, E) times w (E,): (N, 3) float64."""
     N, D, E = core.shape
