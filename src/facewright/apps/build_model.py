@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -145,9 +146,9 @@ def _build(request: BuildModelRequest, face: Face, progress: Progress | None) ->
     from facewright.models.bilinear import fit_bilinear
 
     shape = (request.n_people, N_SHAPES, face.topology.n_vertices, 3)
-    with tempfile.TemporaryDirectory(dir=request.out.parent, prefix=".facewright-") as folder:
+    with _scratch_folder(request.out) as folder:
         start = time.perf_counter()
-        tensor = _tensor(shape, Path(folder))
+        tensor = _tensor(shape, folder)
         simulate_population(face, request.n_people, np.random.default_rng(request.seed), progress, out=tensor)
         simulated = time.perf_counter()
         model = fit_bilinear(
@@ -169,6 +170,20 @@ def _build(request: BuildModelRequest, face: Face, progress: Progress | None) ->
         done = time.perf_counter()
         del tensor
     return model, simulated - start, done - simulated
+
+
+@contextmanager
+def _scratch_folder(out: Path) -> Iterator[Path]:
+    """Make a folder beside the model, so that a place that cannot be written is told before the long work."""
+    try:
+        folder = tempfile.TemporaryDirectory(dir=out.parent, prefix=".facewright-")
+    except OSError as error:
+        raise StoreError(
+            f"{out} cannot be written: its folder {out.parent} takes no new files ({error.strerror or error}); give "
+            "another place."
+        ) from error
+    with folder as path:
+        yield Path(path)
 
 
 def _tensor(shape: tuple[int, int, int, int], folder: Path) -> NDArray[np.float32]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -36,7 +38,8 @@ class FacewrightGroup(typer.core.TyperGroup):
         **extra: Any,
     ) -> Any:
         """Parse and run; a mistake on the command line becomes one sentence as well."""
-        _state["json"] = _wants_json(list(sys.argv[1:] if args is None else args))
+        words = list(sys.argv[1:] if args is None else args)
+        _state["json"] = _wants_json(words)
         try:
             code = super().main(args, prog_name, complete_var, False, windows_expand_args, **extra)
         except Exception as error:
@@ -44,7 +47,7 @@ class FacewrightGroup(typer.core.TyperGroup):
                 raise
             context = getattr(error, "ctx", None)
             hint = f" (see: {context.command_path} --help)" if context is not None else ""
-            code = _explain("UsageError", error.format_message().rstrip(".") + hint + ".", EXIT_USER)
+            code = _explain("UsageError", _usage_sentence(error, words).rstrip(".") + hint + ".", EXIT_USER)
         if not standalone_mode:
             return code
         sys.exit(code if isinstance(code, int) else 0)
@@ -81,6 +84,29 @@ class FacewrightGroup(typer.core.TyperGroup):
 
 
 _state = {"json": False}
+
+
+# What the libraries below say of a number (pydantic's wording, click's wording) -> what an option must be.
+_NUMBER_RULES = (
+    (r"range (\S+?)<=x<=(\S+?)\.?$", r"in [\1, \2]"),
+    (r"greater than or equal to (\S+)|range x>=(\S+?)\.?$", r"at least \1\2"),
+    (r"less than or equal to (\S+)|range x<=(\S+?)\.?$", r"at most \1\2"),
+    (r"valid int", "a whole number"),
+    (r"valid (?:number|float)", "a number"),
+)
+
+
+def _usage_sentence(error: Any, words: list[str]) -> str:
+    """Say what an option must be and what it got, in our words where the message is about a number."""
+    message = str(error.format_message())
+    for flag in getattr(getattr(error, "param", None), "opts", ()):
+        given = [word.partition("=")[2] for word in words if word.startswith(f"{flag}=")]
+        given += [after for word, after in itertools.pairwise(words) if word == flag]
+        for pattern, rule in _NUMBER_RULES:
+            found = re.search(pattern, message)
+            if found and given:
+                return f"{flag} must be {found.expand(rule)}, got {given[-1]}"
+    return message
 
 
 def _wants_json(args: list[str]) -> bool:

@@ -67,8 +67,14 @@ class ZipMembers:
         self.where = path
         try:
             self._zip = zipfile.ZipFile(path)
-        except (zipfile.BadZipFile, OSError) as error:
-            raise FileFormatError(f"{path} must be a zip archive of ICT-FaceKit, got {error}.") from error
+        except OSError as error:
+            raise StoreError(f"{path} cannot be read: {error.strerror or error}.") from error
+        except (zipfile.BadZipFile, NotImplementedError, ValueError) as error:
+            found = "a damaged zip archive" if zipfile.is_zipfile(path) else "a file that is no whole zip archive"
+            raise FileFormatError(
+                f"{path} must be a zip archive of ICT-FaceKit, its unpacked folder or the compact .npz, got {found}; "
+                "leave --from out to download the archive."
+            ) from error
         self._names = {
             PurePosixPath(name).stem: name
             for name in self._zip.namelist()
