@@ -33,11 +33,12 @@ def people_sheet(face: Face, seed: int, n: int = 10, size: tuple[int, int] = (22
     from facewright.faces.simulate import simulate_person
 
     rng = np.random.default_rng((seed, 7))
-    faces = visible_faces(face)
+    faces, skin = visible_faces(face), face.topology.part_slice("face", "head_and_neck")
     pictures = []
     for k in range(n):
         person, look = simulate_person(face, rng), sample_appearance(rng)
         vertices = person.pose(expression_weights(EXPRESSION_NAMES[(3 * k) % len(EXPRESSION_NAMES)]))
+        height_mm, centre_mm = head_frame(vertices[skin], size)
         drawn = render_portrait(
             vertices,
             faces,
@@ -46,7 +47,8 @@ def people_sheet(face: Face, seed: int, n: int = 10, size: tuple[int, int] = (22
             lights=Lights(look.light_directions, look.light_colours, look.sky, look.ground),
             shininess=vertex_gloss(face),
             yaw_degrees=float(rng.uniform(-20, 20)),
-            height_mm=300.0,
+            height_mm=height_mm,
+            centre_mm=centre_mm,
         )
         pictures.append(drawn.image)
     return contact_sheet(pictures, columns=5)
@@ -99,6 +101,7 @@ def person_painter(face: Face, fit: PhotoFit, texture: Picture, size: tuple[int,
     painted = albedo_function(face, look, topology.faces)
     albedo = texture_albedo(texture, topology, textured=_skin(fit), rest=painted)
 
+    height_mm, centre_mm = head_frame(fit.rig.neutral[_skin(fit)], size)
     gloss = np.where(_skin(fit), 0.0, vertex_gloss(face))  # the photo's skin has its own highlights
 
     def draw(vertices: NDArray[np.floating], yaw_degrees: float = 15.0) -> Picture:
@@ -110,12 +113,35 @@ def person_painter(face: Face, fit: PhotoFit, texture: Picture, size: tuple[int,
             lights=FLAT,
             shininess=gloss,
             yaw_degrees=yaw_degrees,
-            height_mm=270.0,
-            centre_mm=(0.0, 0.0, 40.0),
+            height_mm=height_mm,
+            centre_mm=centre_mm,
         )
         return drawn.image
 
     return draw
+
+
+def head_frame(
+    vertices: NDArray[np.floating], size: tuple[int, int], margin: float = 0.05
+) -> tuple[float, tuple[float, float, float]]:
+    """Return the extent (mm) and the centre of a portrait that shows the whole head from every side.
+
+    Parameters
+    ----------
+    vertices : ndarray of shape (V, 3), millimetres
+        The head's skin, in model space.
+    size : (height, width)
+        Size of the picture, pixels.
+    margin : float
+        Free space on each side, as a share of the picture's height.
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    centre = (low + high) / 2
+    # the crown is nearer to the camera than the head's centre when the head is turned: seen a little larger
+    tall = 1.04 * (high[1] - low[1])
+    wide = 2 * np.linalg.norm((vertices - centre)[:, [0, 2]], axis=1).max()
+    height = max(tall, wide * size[0] / size[1] * 0.9) / (1 - 2 * margin)
+    return float(height), (0.0, float(centre[1]), float(centre[2]))
 
 
 def visible_topology(face: Face) -> Topology:
