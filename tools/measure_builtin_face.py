@@ -43,7 +43,16 @@ PATCH_NAMES = (
 
 
 SEALED = ("cheekPuff", "cheekSquint", "mouthDimple", "mouthFrown", "mouthPress", "mouthSmile", "mouthStretch")
-SLIDING = ("jawLeft", "jawRight", "mouthLeft", "mouthRight", "mouthPucker", "jawForward")
+SLIDING = (
+    "jawLeft",
+    "jawRight",
+    "mouthLeft",
+    "mouthRight",
+    "mouthPucker",
+    "jawForward",
+    "mouthRollUpper",
+    "mouthRollLower",
+)
 
 
 class Table:

@@ -45,7 +45,7 @@ _IRIS_TONES = np.array(
 )
 _TEETH = np.array([0.90, 0.87, 0.79])
 _FLESH = np.array([0.66, 0.33, 0.32])
-_CAVITY = np.array([0.34, 0.13, 0.13])
+_CAVITY = np.array([0.52, 0.19, 0.18])
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Appearance:
     background : tuple of 3 ints
         sRGB colour behind the person.
     grain : ndarray of shape (7, 12), float64
-        Waves of the skin's mottling: wave vector, phase (rows 0-3) and colour (rows 4-6).
+        Waves of the skin's mottling: wave vector, phase (rows 0-3) and colour (rows 4-6, whose mean is used).
     """
 
     skin: NDArray[np.float64]
@@ -158,7 +158,9 @@ def vertex_gloss(face: Face) -> NDArray[np.float32]:
     a = paint.columns(paint.attributes)
     gloss = 0.10 + 0.08 * a["lips"] + 0.10 * a["teeth"] + 0.12 * a["eye"]
     gloss = (
-        gloss * (1.0 - 0.7 * a["scalp"]) * (1.0 - np.maximum(a["cavity"], np.clip(3.0 * a["depth_in_mouth"], 0.0, 1.0)))
+        gloss
+        * (1.0 - 0.7 * np.clip(a["scalp"], 0.0, 1.0))
+        * (1.0 - np.maximum(a["cavity"], np.clip(3.0 * a["depth_in_mouth"], 0.0, 1.0)))
     )
     return gloss.astype(np.float32)
 
@@ -209,20 +211,23 @@ def _paint(paint: PaintMap, values: NDArray[np.floating], look: Appearance) -> N
     grain = look.grain.astype(np.float32)
     # Skin: mottling, flush, shaded eye sockets.
     waves = np.sin(a["position"] @ grain[:3] + grain[3])
-    colour = look.skin.astype(np.float32) * (1.0 + waves @ grain[4:].T)
+    mottling = 0.7 * (waves @ grain[4:].mean(axis=0))  # of lightness only
+    colour = look.skin.astype(np.float32) * (1.0 + mottling)[:, None]
     colour[:, 1] *= 1.0 - 0.10 * look.flush * a["flush"]
     colour[:, 2] *= 1.0 - 0.09 * look.flush * a["flush"]
     colour *= (1.0 - 0.12 * a["eye_shade"])[:, None]
     # Layers over it, each only where it is seen.
-    _lay(colour, look.hair, look.hair_density * _smoothstep(a["scalp"], 0.35, 0.75))
+    _lay(colour, look.hair, look.hair_density * _scalp_opacity(a, paint))
     _lay(colour, look.brows, _brow_opacity(a, paint, look))
     _lay(colour, look.lips, 0.9 * _smoothstep(a["lips"], 0.35, 0.65))
     _lay(colour, 0.25 * look.brows, 0.85 * np.exp(-((a["lash"] / 0.9) ** 2)))
     _lay(colour, look.skin * np.array([0.95, 0.72, 0.70]), 0.6 * a["lid_margin"])
-    for name, tone in (("teeth", _TEETH), ("flesh", _FLESH), ("cavity", _CAVITY)):
-        _lay(colour, tone, a[name])
+    _lay(colour, _TEETH, a["teeth"])
     colour *= (1.0 - 0.55 * a["groove"] ** 1.5)[:, None]
-    colour *= (1.0 - 0.65 * a["depth_in_mouth"])[:, None]
+    _lay(colour, _FLESH, _smoothstep(a["flesh"], 0.4, 0.6))
+    _lay(colour, _CAVITY, a["cavity"])
+    gums = np.clip(a["flesh"], 0.0, 1.0) * a["teeth"]
+    colour *= (1.0 - 0.65 * a["depth_in_mouth"] * (1.0 - 0.45 * gums))[:, None]
     eye = np.flatnonzero(a["eye"] > 0.45)
     if len(eye):
         ball = _eyeball({name: column[eye] for name, column in a.items()}, paint, look)
@@ -230,17 +235,44 @@ def _paint(paint: PaintMap, values: NDArray[np.floating], look: Appearance) -> N
     return np.clip(colour, 0.0, 1.0).astype(np.float32)
 
 
+def _scalp_opacity(a: dict[str, NDArray], paint: PaintMap) -> NDArray[np.float64]:
+    """Return the opacity (N,) of closely cut hair; the hairline is evaluated where it is near, with stray hairs."""
+    scalp = a["scalp"].astype(np.float64)
+    near = np.flatnonzero((scalp > -1.5) & (scalp < 2.5) & (a["eye"] + a["teeth"] + a["cavity"] == 0.0))
+    x, y, z = a["position"][near].T.astype(np.float64)
+    line = paint.scalp(a["position"][near].astype(np.float64))
+    scalp[near] = line + 0.10 * _noise(1.1 * (x + 0.6 * y), 0.35 * y - 1.1 * z)
+    return _smoothstep(scalp, 0.25, 0.85)
+
+
 def _brow_opacity(a: dict[str, NDArray], paint: PaintMap, look: Appearance) -> NDArray[np.float64]:
     """Return the opacity (N,) of the brows: a band along their middle curve, with hairs."""
     x, y = np.abs(a["position"][:, 0]), a["position"][:, 1]
     along, across = paint.brow_coordinates(x, y, look.brow_arch_mm, look.brow_thickness)
     near = np.flatnonzero((np.abs(across) < 1.25) & (along > 0.0) & (along < 1.0) & (a["front"] > 0.0))
-    x, y, along, across = x[near], y[near], along[near], np.abs(across[near])
-    hairs = 0.8 + 0.2 * np.sin(2.6 * x + 1.8 * across * paint.brow_width_mm + 1.7 * y)
+    x, y, along, signed = x[near], y[near], along[near], across[near]
+    # Hairs stand up at the inner end and lie down towards the outer one.
+    lean = 0.35 + 0.9 * along
+    over = signed * paint.brow_width_mm
+    hairs = 0.75 + 0.25 * _noise(3.4 * (x - lean * over), 0.55 * over + 0.2 * y)
+    across = np.abs(signed) + 0.18 * _noise(2.3 * (x - lean * over), 0.0 * over)  # a ragged outline
     ends = _smoothstep(along, 0.0, 0.06) * _smoothstep(1.0 - along, 0.0, 0.12)
     opacity = np.zeros(len(a["front"]))
     opacity[near] = look.brow_density * _smoothstep(1.25 - across, 0.0, 0.5) * ends * hairs * a["front"][near]
     return opacity
+
+
+def _noise(u: NDArray, v: NDArray) -> NDArray[np.float64]:
+    """Return smooth noise in [-1, 1] at points of a plane: values hashed on the unit grid, blended between."""
+    i, j = np.floor(u), np.floor(v)
+    s, t = _smoothstep(u - i, 0.0, 1.0), _smoothstep(v - j, 0.0, 1.0)
+
+    def corner(a: NDArray, b: NDArray) -> NDArray[np.float64]:
+        return 2.0 * np.modf(np.abs(43758.5453 * np.sin(12.9898 * a.astype(float) + 78.233 * b.astype(float))))[0] - 1.0
+
+    low = corner(i, j) * (1.0 - s) + corner(i + 1, j) * s
+    high = corner(i, j + 1) * (1.0 - s) + corner(i + 1, j + 1) * s
+    return low * (1.0 - t) + high * t
 
 
 def _eyeball(a: dict[str, NDArray], paint: PaintMap, look: Appearance) -> NDArray[np.float64]:

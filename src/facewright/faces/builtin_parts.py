@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 # Eyeball, mm: centre of the left one; radius against the angle from the optical axis (degrees): a globe with a
 # corneal bulge. The rings at 8.5 and 20.5 degrees are the borders of pupil and iris.
 EYE_CENTRE = (31.24, 36.07, 78.74)
-EYE_RINGS = (4.5, 8.5, 14.5, 20.5, 23.5, 32.0, 45.0, 66.0, 110.0)
-EYE_RADII = (17.10, 17.06, 16.92, 16.62, 16.28, 15.73, 15.40, 15.30, 15.15)
+EYE_RINGS = (8.5, 14.5, 20.5, 23.5, 32.0, 45.0, 66.0, 110.0)
+EYE_RADII = (17.06, 16.92, 16.62, 16.28, 15.73, 15.40, 15.30, 15.15)
 EYE_POLES = (17.13, 15.05)
 EYE_SEGMENTS = 16
-PUPIL_RINGS, IRIS_RINGS = 2, 4
+PUPIL_RINGS, IRIS_RINGS = 1, 3
 
 # Teeth, mm, first incisor to first molar of the left side: x and z of the middle of the labial face, width along the
 # arch, thickness at the cutting edge, y of the cutting edge, y of the gum line.
@@ -34,6 +34,12 @@ LOWER_TEETH = (
     (23.2, 82.1, 7.6, 5.5, -33.2, -41.6),
     (25.9, 74.6, 9.8, 6.5, -32.8, -40.6),
 )
+# Behind the first molar the row ends in two more sections, ever lower and thinner: x and z of the labial face,
+# thickness, y of the cutting edge.
+UPPER_TAIL = ((29.1, 66.5, 6.0, -30.8), (29.8, 57.5, 3.0, -26.0))
+LOWER_TAIL = ((27.5, 65.5, 5.6, -34.8), (28.5, 57.0, 3.0, -39.8))
+# Of a section's five points, how far they are in the gum: 0.5 is the gum line, as in the sections below.
+GUM_OF_SECTION = (1.5, 0.5, -0.7, -0.7, 3.7)
 
 
 class Part(NamedTuple):
@@ -95,7 +101,10 @@ def _reversed(quads: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def build_teeth(row: str) -> Part:
-    """Build a row of twelve teeth as one closed tube along the arch: three columns a tooth, five points a section."""
+    """Build a row of twelve teeth as one closed tube along the arch: three columns a tooth, five points a section.
+
+    Behind the first molars the tube sinks into the gum, so that no end is seen from beside.
+    """
     table = np.array(UPPER_TEETH if row == "upper" else LOWER_TEETH)
     x, z, width, thickness, edge, gum = table.T
     arch = np.stack([np.concatenate([-x[::-1], x]), np.concatenate([z[::-1], z])], axis=1)  # right to left
@@ -111,13 +120,17 @@ def build_teeth(row: str) -> Part:
         cut, root = both[2][j], both[3][j]
         # the narrow neck between teeth, then the two shoulders of the crown
         left = arch[j] - tangent[j] * half if j == 0 else _between(arch, tangent, both[0], j)
-        sections.append(_section(left, outward[j], thick, cut + 0.9 * inwards, root, 0.8, inwards))
+        sections.append(_section(left, outward[j], thick, cut + 0.6 * inwards, root, 0.8, inwards))
         for s in (-0.62, 0.62):
             place = arch[j] + tangent[j] * half * s
             sections.append(_section(place, outward[j], thick, cut, root, 0.0, inwards))
     end = arch[-1] + tangent[-1] * both[0][-1] / 2
-    sections.append(_section(end, outward[-1], both[1][-1], both[2][-1] + 0.9 * inwards, both[3][-1], 0.8, inwards))
-    points = np.array(sections)  # (columns, 5, 3)
+    sections.append(_section(end, outward[-1], both[1][-1], both[2][-1] + 0.6 * inwards, both[3][-1], 0.8, inwards))
+    tail = []
+    for tail_x, tail_z, thick, cut in UPPER_TAIL if row == "upper" else LOWER_TAIL:
+        tail.append(_section(np.array([tail_x, tail_z]), outward[-1], thick, cut, gum[-1], 0.4, inwards))
+    head = [section * [-1.0, 1.0, 1.0] for section in tail[::-1]]
+    points = np.array([*head, *sections, *tail])  # (columns, 5, 3)
     points = 0.5 * (points + points[::-1] * [-1.0, 1.0, 1.0])
     columns, n = points.shape[:2]
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from facewright.faces.builtin_parts import GUM_OF_SECTION
 from facewright.faces.face import Face
 from facewright.mesh.connectivity import vertex_adjacency
 from facewright.mesh.normals import vertex_normals
@@ -43,12 +44,15 @@ class PaintMap:
         Foremost point of the left eyeball, mm.
     iris_radius_mm : float
         Radius of the iris.
+    landmarks : ndarray of shape (74, 3), float64
+        Landmarks of the generic neutral, mm.
     """
 
     attributes: NDArray[np.float32]
     brow: NDArray[np.float64]
     iris_centre: NDArray[np.float64]
     iris_radius_mm: float
+    landmarks: NDArray[np.float64]
 
     @property
     def brow_width_mm(self) -> float:
@@ -59,6 +63,10 @@ class PaintMap:
         """Split samples (N, C) of the attributes into ``position`` (N, 3) and channels (N,)."""
         values = np.ascontiguousarray(np.asarray(values, dtype=np.float32).T)
         return {"position": values[:3].T} | {name: values[3 + i] for i, name in enumerate(_CHANNELS)}
+
+    def scalp(self, position: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return for places (N, 3) on the generic neutral: 0.5 on the hairline, 1/12 more or less per millimetre."""
+        return _scalp(position, self.landmarks)
 
     def brow_coordinates(
         self, x: NDArray, y: NDArray, arch_mm: float, thickness: float
@@ -100,6 +108,7 @@ def build_paint_map(face: Face) -> PaintMap:
         brow=_brow_curve(points),
         iris_centre=centre,
         iris_radius_mm=radius,
+        landmarks=points,
     )
 
 
@@ -115,6 +124,10 @@ def _parts(channels: dict[str, NDArray], face: Face) -> None:
         elif "teeth" in name:
             channels["teeth"][part] = 1.0
             channels["groove"][part] = _grooves(face, start, stop)
+            if face.topology.name == "builtin":  # its gums are the roots of the rows; 0.5 is the gum line
+                gum = np.tile(GUM_OF_SECTION, ((stop - start) // len(GUM_OF_SECTION), 1))
+                gum[[0, -1]] = np.maximum(gum[[0, -1]], 1.0)  # where the row sinks into it
+                channels["flesh"][part] = gum.ravel()
         elif "tongue" in name or "gum" in name:
             channels["flesh"][part] = 1.0
         elif name.startswith("mouth"):
@@ -123,7 +136,8 @@ def _parts(channels: dict[str, NDArray], face: Face) -> None:
             channels["lid_margin"][part] = 1.0
         if "teeth" in name or "tongue" in name or "gum" in name or name.startswith("mouth"):
             depth = lips_z - mean[part, 2]
-            channels["depth_in_mouth"][part] = np.clip((depth - 12.0) / 40.0, 0.0, 1.0)
+            darkness = 1.2 if "teeth" in name else 0.7  # rows of teeth fade away backwards, the cavity stays dark red
+            channels["depth_in_mouth"][part] = darkness * np.clip((depth - 8.0) / 44.0, 0.0, 1.0)
 
 
 def _grooves(face: Face, start: int, stop: int) -> NDArray[np.float64]:
@@ -178,11 +192,13 @@ def _scalp(skin: NDArray, points: NDArray) -> NDArray[np.float64]:
     height = (skin - top) @ normal
     # Temples recede: the line climbs towards the sides of the forehead.
     receding = 0.06 * length * np.exp(-0.5 * ((np.abs(skin[:, 0]) - 0.38 * length) / (0.12 * length)) ** 2)
-    height = height - receding * (skin[:, 2] > top[2] - 0.35 * length)
+    height = height - receding * np.clip(0.5 + (skin[:, 2] - top[2] + 0.35 * length) / 20.0, 0.0, 1.0)
     # No hair on the ears: beside the face's outline it stays above the brows.
     inside = 1.03 * np.abs(points[[1, 13], 0]).mean() - np.abs(skin[:, 0])
     above = skin[:, 1] - (brow[1] + 0.10 * length)
-    height = np.minimum(height, np.maximum(inside, above))
+    soft = 5.0  # mm: corners of the line are round
+    beside = soft * np.logaddexp(inside / soft, above / soft)
+    height = -soft * np.logaddexp(-height / soft, -beside / soft)
     # past 0 and 1, so that the line stays straight across coarse triangles
     return np.clip(0.5 + height / 12.0, -1.5, 2.5)
 
