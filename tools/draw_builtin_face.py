@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from facewright.faces import load_face
-from facewright.faces.appearance import Appearance, albedo_function, sample_appearance, visible_faces
+from facewright.faces.appearance import Appearance, albedo_function, sample_appearance, vertex_gloss, visible_faces
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.imaging.portrait import portrait_view, render_portrait
 from facewright.imaging.render import Lights
@@ -39,10 +39,13 @@ def posed(shape: np.ndarray, weights: dict[str, float]) -> np.ndarray:
 
 def portrait(shape: np.ndarray, look: Appearance | None, size: tuple[int, int], **view: float) -> np.ndarray:
     albedo = None if look is None else albedo_function(FACE, look, TRIANGLES)
-    lights = None
+    lights, gloss = None, np.float64(0.12)
     if look is not None:
+        gloss = vertex_gloss(FACE)
         lights = Lights(look.light_directions, look.light_colours, look.sky, look.ground)
-    return render_portrait(shape, TRIANGLES, size, albedo=albedo, lights=lights, supersample=3, **view).image
+    return render_portrait(
+        shape, TRIANGLES, size, albedo=albedo, lights=lights, supersample=3, shininess=gloss, **view
+    ).image
 
 
 def sheet(pictures: list[np.ndarray], columns: int, name: str, colours: int = 0) -> None:
@@ -54,19 +57,19 @@ def sheet(pictures: list[np.ndarray], columns: int, name: str, colours: int = 0)
 
 
 def wireframe(size: tuple[int, int], **view: float) -> np.ndarray:
-    """Plaster with the quads drawn over it."""
+    """Plaster with all polygons drawn over it: quads, and the triangles where two levels of detail meet."""
     picture = portrait(FACE.mean_shape, None, size, **view)
     big = 3
     image = Image.fromarray(picture).resize((size[1] * big, size[0] * big), Image.Resampling.BICUBIC)
     camera, _ = portrait_view(FACE.mean_shape, size, **view)
     _, pixels = portrait_view(FACE.mean_shape, (size[0] * big, size[1] * big), **view)
     quads = FACE.topology.quads
-    quads = quads[(quads < FACE.n_skin).all(axis=1) & (quads >= 0).all(axis=1)]
-    a, b, c, d = (camera[quads[:, k]] for k in range(4))
-    facing = np.einsum("nc,nc->n", np.cross(c - a, d - b), a) < 0
+    quads = quads[(quads < FACE.n_skin).all(axis=1)]
+    a, b, c, d = (camera[np.where(quads[:, k] >= 0, quads[:, k], quads[:, 2])] for k in range(4))
+    facing = np.einsum("nc,nc->n", np.cross(c - a, np.where(quads[:, 3:] >= 0, d, c) - b), a) < 0
     draw = ImageDraw.Draw(image)
     for quad in quads[facing]:
-        draw.polygon([tuple(p) for p in pixels[quad]], outline=(52, 84, 132))
+        draw.polygon([tuple(p) for p in pixels[quad[quad >= 0]]], outline=(52, 84, 132))
     return np.array(image.resize((size[1], size[0]), Image.Resampling.LANCZOS))
 
 
