@@ -113,7 +113,9 @@ def test_arkit_names_mix_the_shapes_and_the_motion(tmp_path, rig):
 
     rig, topology = rig
     clip = demo_clip(rig.names)
-    export_rig(ExportRequest(rig, topology, tmp_path / "rig.glb", names="arkit52", clip=clip))
+    result = export_rig(ExportRequest(rig, topology, tmp_path / "rig.glb", names="arkit52", clip=clip))
+    still = [name for name, move in zip(result.shape_names, load_name_map("arkit52").to_ours.T) if not move.any()]
+    assert list(result.empty_shapes) == still and "tongueOut" in still
     scene = read_gltf(tmp_path / "rig.glb")
     (mesh,) = scene.meshes
     assert len(mesh.morph_names) == 52 and {"jawOpen", "eyeBlinkLeft", "tongueOut"} <= set(mesh.morph_names)

@@ -83,6 +83,14 @@ def test_export_from_every_source(small_model, tmp_path, source):
     payload = json.loads(result.stdout)
     assert payload["paths"] == [str(tmp_path / "a.glb")] and len(payload["shapes"]) == 52
     assert payload["bytes"] == (tmp_path / "a.glb").stat().st_size
+    assert payload["driven_shapes"] + len(payload["empty_shapes"]) == 52 and "tongueOut" in payload["empty_shapes"]
+    assert "jawOpen" not in payload["empty_shapes"]
+
+
+def test_export_says_which_shapes_move_nothing(tmp_path):
+    assert "move nothing" not in _invoke("export", tmp_path / "a.glb").stdout
+    told = _invoke("export", tmp_path / "a.glb", "--names", "arkit52").stdout
+    assert "52 named shapes" in told and "move nothing" in told and "tongueOut" in told
 
 
 def test_export_of_fitted_identity(small_model, tmp_path, refused):
@@ -163,10 +171,14 @@ def test_evaluate_writes_its_file(tmp_path, monkeypatch):
     monkeypatch.setattr(suites, "run_suite", run_suite)
     file = tmp_path / "transfer.json"
     result = _invoke("evaluate", "transfer", "--seed", 4, "--subjects", 2, "--json", file)
-    assert result.exit_code == 0 and "<= 15" in result.stdout and "yes" in result.stdout
+    assert result.exit_code == 0 and "<= 15" not in result.stdout and "yes" not in result.stdout
+    assert "Targets are for the face ict" in result.stdout
     payload = json.loads(file.read_text())
     assert payload["suite"] == "transfer" and payload["metrics"]["rms_mm"] == 0.25 and payload["machine"]["numpy"]
     assert calls == [("transfer", "builtin", 4, 2)]
+    for options in ([], ["--subjects", 3]):
+        told = _invoke("evaluate", "transfer", "--faces", "ict", *options).stdout
+        assert "<= 15" in told and "yes" in told and "Targets are" not in told
     assert json.loads(_invoke("evaluate", "transfer", "--json", "-").stdout)["metrics"]["per_expression_ms"] == 9.5
     assert "does not exist" in _invoke("evaluate", "transfer", "--json", tmp_path / "none" / "a.json").stderr
 

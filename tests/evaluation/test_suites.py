@@ -6,7 +6,7 @@ from importlib import import_module
 import pytest
 
 from facewright.errors import MissingFaceError, ValueRangeError
-from facewright.evaluation.suites import SUITES, TARGETS, compare, run_suite
+from facewright.evaluation.suites import SUITES, TARGETS, compare, has_targets, run_suite
 
 
 @pytest.mark.parametrize("suite", SUITES)
@@ -48,3 +48,12 @@ def test_targets():
     ]
     assert compare("rigging", {"improvement": 0.3})[0][3] == "yes"
     assert compare("photo", {"surface_mm": 1.0}) == [("surface_mm", 1.0, "", "")]
+    assert compare("photo", {"fit_ms": 30.0}, targets=False) == [("fit_ms", 30.0, "", "")]
+
+
+def test_targets_are_for_one_face_and_number_of_people():
+    assert has_targets("bilinear", "ict") and has_targets("bilinear", "ict", 150) and has_targets("transfer", "ict", 3)
+    assert not has_targets("bilinear", "builtin") and not has_targets("bilinear", "builtin", 150)
+    assert not has_targets("bilinear", "ict", 149) and not has_targets("transfer", "ict", 150)
+    with pytest.raises(ValueRangeError, match="suite"):
+        has_targets("nonsense", "ict")

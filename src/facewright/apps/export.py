@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -121,6 +121,8 @@ class ExportResult:
         Size of the mesh.
     n_bytes : int
         Size of all files together.
+    empty_shapes : tuple of str
+        Those of `shape_names` that move nothing, because the rig has nothing for them, such as ARKit's tongue and gaze.
     """
 
     paths: tuple[Path, ...]
@@ -128,6 +130,7 @@ class ExportResult:
     n_vertices: int
     n_faces: int
     n_bytes: int
+    empty_shapes: tuple[str, ...] = ()
 
 
 def export_rig(request: ExportRequest, progress: Progress | None = None) -> ExportResult:
@@ -167,10 +170,10 @@ def export_rig(request: ExportRequest, progress: Progress | None = None) -> Expo
     names, deltas, mix = _renamed(rig, request.names)
     suffix = request.out.suffix.lower()
     if suffix in (".glb", ".gltf"):
-        return _export_gltf(request, names, deltas, mix, progress)
+        return replace(_export_gltf(request, names, deltas, mix, progress), empty_shapes=_empty(names, deltas))
     if suffix not in ("", ".obj") or request.out.is_file():
         raise ValueRangeError(f"out must be a .glb or .gltf file or a folder for OBJ files, got {request.out}.")
-    return _export_obj_folder(request, names, deltas, progress)
+    return replace(_export_obj_folder(request, names, deltas, progress), empty_shapes=_empty(names, deltas))
 
 
 def demo_clip(names: tuple[str, ...], seconds_each: float = 1.2) -> RigClip:
@@ -246,6 +249,10 @@ def _renamed(rig: Rig, scheme: str | Path) -> tuple[tuple[str, ...], NDArray[Any
     mix = np.zeros((len(chart.names), len(rig.names)))
     mix[:, rows] = chart.from_ours
     return chart.names, deltas, mix
+
+
+def _empty(names: tuple[str, ...], deltas: NDArray[Any]) -> tuple[str, ...]:
+    return tuple(name for name, delta in zip(names, deltas) if not (np.abs(delta) >= SMALLEST_MOVE_MM).any())
 
 
 def _export_gltf(

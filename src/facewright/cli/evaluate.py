@@ -30,7 +30,7 @@ def evaluate(
       facewright evaluate bilinear --faces ict --seed 1 --json bilinear.json
     """
     from facewright.apps.describe import describe_machine
-    from facewright.evaluation.suites import compare, run_suite
+    from facewright.evaluation.suites import compare, has_targets, run_suite
 
     to_stdout = file is not None and str(file) == "-"
     with progress_bar(to_stdout) as progress:
@@ -49,8 +49,12 @@ def evaluate(
             temporary.write_text(json.dumps(plain(payload), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
     def show() -> None:
-        rows = [[name, f"{value:.4g}", target, met] for name, value, target, met in compare(suite, metrics)]
+        targets = has_targets(suite, faces, subjects)
+        compared = compare(suite, metrics, targets=targets)
+        rows = [[name, f"{value:.4g}", target, met] for name, value, target, met in compared]
         table(f"{suite}, face {faces}, seed {seed}", ["metric", "value", "target (ict)", "met"], rows)
+        if not targets:
+            say("Targets are for the face ict and the suite's own number of people.")
         if file is not None:
             say(f"Wrote {file}.")
 

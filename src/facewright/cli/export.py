@@ -56,16 +56,24 @@ def export(
     payload = {
         "paths": result.paths,
         "shapes": result.shape_names,
+        "driven_shapes": len(result.shape_names) - len(result.empty_shapes),
+        "empty_shapes": result.empty_shapes,
         "vertices": result.n_vertices,
         "faces": result.n_faces,
         "bytes": result.n_bytes,
     }
     what = result.paths[0] if len(result.paths) == 1 else f"{len(result.paths)} files in {result.paths[0].parent}"
+    empty = ""
+    if result.empty_shapes:
+        empty = (
+            f", {payload['driven_shapes']} of them driven; {len(result.empty_shapes)} are there by name "
+            f"and move nothing: {', '.join(result.empty_shapes)}"
+        )
     finish(
         payload,
         as_json,
         lambda: say(
             f"Wrote {what} ({result.n_bytes / 1e6:.1f} MB): {result.n_vertices} vertices, "
-            f"{len(result.shape_names)} named shapes."
+            f"{len(result.shape_names)} named shapes{empty}."
         ),
     )

@@ -65,11 +65,30 @@ def run_suite(
     return {name: float(value) for name, value in metrics.items()}
 
 
-def compare(suite: str, metrics: Mapping[str, float]) -> list[tuple[str, float, str, str]]:
-    """List metric, value, target and whether it is met ("yes", "no" or "") in the order of `metrics`."""
+def has_targets(suite: str, face_name: str, subjects: int | None = None) -> bool:
+    """Tell whether a run may be held against `TARGETS`: face "ict", and as many people as the suite's own."""
+    check_choice("suite", suite, SUITES)
+    if face_name != "ict" or subjects is None:
+        return face_name == "ict"
+    run = import_module(f"facewright.evaluation.{suite}").run
+    return bool(subjects == inspect.signature(run).parameters["subjects"].default)
+
+
+def compare(suite: str, metrics: Mapping[str, float], *, targets: bool = True) -> list[tuple[str, float, str, str]]:
+    """List metric, value, target and whether it is met ("yes", "no" or "") in the order of `metrics`.
+
+    Parameters
+    ----------
+    suite : str
+        One of `SUITES`.
+    metrics : mapping of str to float
+        What `run_suite` returned.
+    targets : bool
+        Whether the run was one that targets are for, see `has_targets`; without it both columns stay empty.
+    """
     rows = []
     for name, value in metrics.items():
-        sign, limit = TARGETS.get(suite, {}).get(name, ("", 0.0))
+        sign, limit = TARGETS.get(suite, {}).get(name, ("", 0.0)) if targets else ("", 0.0)
         bound = metrics.get(limit) if isinstance(limit, str) else limit
         if not sign or bound is None:
             rows.append((name, value, "", ""))
