@@ -101,7 +101,8 @@ def bake_texture(
     Texels of the face that the camera saw take the photo's colour; those it did not take the mirrored side's, and
     beyond that a smooth continuation of the skin that was seen. Ears, neck, scalp and the insides of the nostrils never
     show the photo, nor does the forehead where it is not skin-coloured: hair, collar and background lie there as often
-    as skin. The face is the topology's masks ``face_region`` (or ``face``) and ``ears``; without them all is face.
+    as skin. The face is the topology's mask ``face_region`` (or ``face``) without ``ears``, its skin tone that of
+    ``cheeks_left`` and ``cheeks_right``; where either is missing, all is face.
 
     Parameters
     ----------
