@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +17,7 @@ from facewright.apps.demo_page import Picture as PagePicture
 from facewright.apps.demo_pictures import Picture, fit_pictures, people_sheet, person_painter, person_texture
 from facewright.apps.explore_model import ExploreRequest, explore_model
 from facewright.apps.export import ExportRequest, demo_clip, export_rig
-from facewright.errors import NoFaceError, StoreError
+from facewright.errors import NoFaceError
 from facewright.faces import load_face
 from facewright.faces.attributes import ATTRIBUTE_NAMES, measure_attributes
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
@@ -25,6 +25,7 @@ from facewright.faces.expressions import expression_weights, random_expression_w
 from facewright.faces.simulate import simulate_person
 from facewright.fitting.image import PhotoFit, PhotoFitter
 from facewright.imaging.contact_sheet import contact_sheet
+from facewright.io.atomic import write_set_atomically
 from facewright.io.image import write_image
 from facewright.landmarks.detector import open_detector
 from facewright.models.attribute_regression import fit_attribute_regression
@@ -105,10 +106,13 @@ def run_demo(out: Path, seed: int = 0, progress: Progress | None = None) -> Demo
         If the detector does not find the portrait's face.
     """
     start = time.perf_counter()
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StoreError(f"{out} must be a folder that can be made, got: {error.strerror or error}.") from error
+    with write_set_atomically(out) as folder:  # before the work: tells at once where it cannot be made
+        result = _tour(folder, seed, start, progress)
+    return replace(result, page=str(out / "index.html"))
+
+
+def _tour(out: Path, seed: int, start: float, progress: Progress | None) -> DemoResult:
+    """Do all of it, into an existing folder."""
     detector = open_detector()  # before the long work: tells at once if the extra is missing
     photo = astronaut_portrait()
     faces = detector.detect(photo)
