@@ -21,7 +21,7 @@ _CHUNK = 10  # people whose shapes are rearranged at a time, so that no second c
 
 
 def time_nmode(
-    tensor: NDArray[np.float32], n_identity: int, n_expression: int, *, repeats: int = 3
+    tensor: NDArray[np.float32], n_identity: int, n_expression: int, *, repeats: int = 6
 ) -> dict[str, float]:
     """Time the decomposition and the two Gram products of the full unfoldings alternately; the best of each counts.
 
