@@ -53,14 +53,14 @@ def test_commands(tool):
 
 
 @pytest.mark.parametrize(
-    "text", ["see /home/me/data", "in /work/shared", "https://pypi.example.org/simple", "--index-url x"]
+    "text", ["see /home/me/data", "in /opt/shared", "https://pypi.example.org/simple", "--index-url x"]
 )
 def test_what_is_of_one_machine(tool, text):
     assert len(tool.check_foreign(text)) >= 1
 
 
 def test_what_is_of_everybody(tool):
-    assert tool.check_foreign("https://github.com/x/y, /tmp/tour, ~/.local, `pip install .`, docs/work/home") == []
+    assert tool.check_foreign("https://github.com/x/y, /tmp/tour, ~/.local, `pip install .`, docs/opt/home") == []
 
 
 def test_the_docs_hold():

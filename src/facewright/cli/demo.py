@@ -18,7 +18,7 @@ def demo(
     """Build a model, fit a photograph, export a rig, and show it all on one page.
 
     Uses the built-in face and the astronaut portrait that scikit-image ships; needs no download, and the landmarks
-    extra for the detector. Takes about two minutes on two cores.
+    extra for the detector. Takes about a minute on two cores.
 
     \b
     Examples:
