@@ -1,4 +1,4 @@
-"""Rotations: vectors, matrices, quaternions (wxyz), nearest rotation, mean; thin over SciPy."""
+"""Rotations: vectors, matrices, quaternions (wxyz), nearest rotation; thin over SciPy."""
 
 from __future__ import annotations
 
@@ -93,17 +93,3 @@ def nearest_rotation(matrix: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         raise DegenerateError("matrix must have a unique nearest rotation.")
     scale = np.stack([np.ones_like(sign), np.ones_like(sign), sign], axis=-1)
     return (U * scale[..., None, :]) @ Vt
-
-
-def angle_between_rotations(first: NDArray[np.floating[Any]], second: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return the angle in [0, pi], radians, of the rotation between matrices (..., 3, 3).
-
-    Raises
-    ------
-    ShapeError, ValueRangeError
-        If the last axes are not (3, 3) or values are not finite.
-    """
-    _check_last("first", first, 3, 3)
-    _check_last("second", second, 3, 3)
-    relative = np.swapaxes(np.asarray(first, dtype=np.float64), -1, -2) @ np.asarray(second, dtype=np.float64)
-    return np.linalg.norm(rotation_vector_from_matrix(relative), axis=-1)
