@@ -101,5 +101,5 @@ def check_name(name: str) -> None:
     usable = bool(name) and all(c.isascii() and (c.isalnum() or c in "-_.") for c in name)
     if not usable or name.startswith(".") or len(name) > 128:
         raise ValueRangeError(
-            f"name of a subject must be up to 128 letters, digits, '-', '_' or '.', not beginning with '.', got {name!r}."
+            f"name of a subject must be up to 128 letters, digits, -, _ or ., not beginning with a dot, got {name!r}."
         )
