@@ -12,7 +12,10 @@ from facewright.cli.console import finish, plain, progress_bar, say, table
 
 
 def evaluate(
-    suite: Annotated[str, typer.Argument(help="Suite: transfer, rigging, bilinear or photo.")],
+    suite: Annotated[
+        str,
+        typer.Argument(help="Suite: transfer, rigging, bilinear, photo, fusion, scan, registration, subject or scale."),
+    ],
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
     seed: Annotated[int, typer.Option(help="Seed of the simulated people and noise.", min=0)] = 0,
     file: Annotated[
