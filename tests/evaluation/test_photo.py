@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
+from facewright.apps.true_landmarks import true_landmarks
 from facewright.camera.rotation import head_angles_from_rotation
 from facewright.errors import TopologyError, ValueRangeError
 from facewright.evaluation import photo as suite
 from facewright.evaluation.photo import render_photo, run
-from facewright.evaluation.simulated_photo import simulate_photo, true_landmarks
+from facewright.evaluation.simulated_photo import simulate_photo
 
 
 @pytest.fixture(scope="module")

@@ -29,9 +29,9 @@ def fitter(small_model):
 @pytest.fixture
 def make_photo(small_model):
     """Return a function (rng, perspective) -> identity, beta, vertices, project, rotation, true landmarks, size."""
+    from facewright.apps.true_landmarks import true_landmarks
     from facewright.camera.pinhole import Intrinsics, RigidMotion
     from facewright.camera.rotation import rotation_from_head_angles
-    from facewright.evaluation.simulated_photo import true_landmarks
     from facewright.faces.expressions import random_expression_weights
 
     def make(rng, distance=900.0, focal=1400.0):
