@@ -13,10 +13,9 @@ from facewright.deform.deformation_transfer import DeformationTransfer
 from facewright.errors import ValueRangeError
 from facewright.faces.blendshape_names import mirrored_name
 from facewright.faces.contact import Contact, face_contacts
-from facewright.faces.eyeball import clearance, push_outside
 from facewright.faces.face import Face
-from facewright.faces.rigid_motion import RigidMotion, rigid_motions, rigid_vertices
-from facewright.mesh.connectivity import vertex_components
+from facewright.faces.lids import Lids
+from facewright.faces.pieces import Followers, face_pieces
 from facewright.mesh.random_field import smooth_random_field
 from facewright.numeric.check import check_shape
 
@@ -28,10 +27,7 @@ AMPLITUDE = (0.7, 1.2)
 LEFT_RIGHT_DIFFERENCE = 0.15
 PERTURBATION = 0.15
 
-_FOLLOW_MM = 4.0  # loose geometry (lashes, lacrimal fluid) follows the skin within about this distance
 _SEALED_MM = 2.0  # lips whose offset a shape changes by less than about this stay as they are
-_LID_GAP = 0.2  # what is left of the gap of the generic closed lids (1 mm on ICT-FaceKit)
-_LID_CLEARANCE_MM = 1.0
 _FIELD_BATCH = 8  # neutrals whose random fields share their waves
 
 
@@ -166,38 +162,22 @@ class _Simulator:
 
     def __init__(self, face: Face) -> None:
         self.face = face
-        topology = face.topology
-        V = topology.n_vertices
-        labels = vertex_components(topology.faces, V)
+        pieces = face_pieces(face)
         self.skin = slice(0, face.n_skin)
-        surface = np.isin(labels, np.unique(labels[self.skin]))
-        ids = np.flatnonzero(surface)
-        # A slice where it can be one (skin parts come first), which spares copies of all shapes.
-        self.surface: slice | NDArray[np.intp] = slice(0, len(ids)) if len(ids) == ids[-1] + 1 else ids
-        number = np.cumsum(surface) - 1
-        self.surface_faces = number[topology.faces[surface[topology.faces].all(axis=1)]]
+        self.surface = pieces.surface
         self.mean = face.mean_shape.astype(np.float64)
         self.generic = face.blendshape_deltas.astype(np.float64)
-        self.contacts: dict[str, Contact] = face_contacts(
-            self.mean, topology, topology.faces[surface[topology.faces].all(axis=1)]
-        )
-        self.rigid: list[RigidMotion] = rigid_motions(face)
-        rigid_ids = np.concatenate([np.empty(0, int), *(motion.vertices for motion in self.rigid)])
-        self.loose = np.setdiff1d(np.flatnonzero(~surface), rigid_ids)
-        self._prepare_followers()
+        # The surface's triangles, numbered within the surface.
+        self.surface_faces = _renumbered(pieces.surface_faces, pieces.surface, face.topology.n_vertices)
+        self.contacts: dict[str, Contact] = face_contacts(self.mean, face.topology, pieces.surface_faces)
+        self.lids = Lids(face, self.contacts)
+        self.rigid = pieces.rigid
+        self.loose = pieces.loose
+        self.followers = Followers(self.mean[self.surface], self.mean[self.loose])
         self.source = self.mean[self.surface]
         self.source_poses = self.source + self.generic[:, self.surface]
         self.partner = np.array([face.blendshape_names.index(mirrored_name(n)) for n in face.blendshape_names])
         self.reach = self._reach()
-
-    def _prepare_followers(self) -> None:
-        """Bind loose vertices to their four nearest surface vertices."""
-        from scipy.spatial import cKDTree
-
-        distance, self.follow_ids = cKDTree(self.mean[self.surface]).query(self.mean[self.loose], k=4)
-        weights = np.exp(-0.5 * (distance / _FOLLOW_MM) ** 2)
-        nearness = np.exp(-0.5 * (distance[:, :1] / _FOLLOW_MM) ** 2) if len(self.loose) else weights
-        self.follow_weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12) * nearness
 
     def _reach(self) -> NDArray[np.float64]:
         """Return (46, V): 1 where a shape moves by 30 % of its largest motion or more, down to 0 where it is still."""
@@ -246,11 +226,10 @@ class _Simulator:
         self._keep_contacts(rest, deltas, offsets)
         if len(self.loose):
             difference = deltas[:, self.surface] - scale * self.generic[:, self.surface]
-            for k in range(self.follow_weights.shape[1]):
-                deltas[:, self.loose] += self.follow_weights[:, k, None] * difference[:, self.follow_ids[:, k]]
+            deltas[:, self.loose] += self.followers.follow(difference)
         for motion in self.rigid:
             deltas[:, motion.vertices] = motion.deltas(rest[motion.vertices], amplitudes)
-        self._clear_eyeballs(rest, deltas)
+        self.lids.clear(rest, deltas)
         return SimulatedPerson(neutral, deltas.astype(np.float32), amplitudes)
 
     def _amplitudes(self, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -279,36 +258,14 @@ class _Simulator:
         for side in ("left", "right"):
             shape = f"eyeBlink_{side[0].upper()}"
             if shape in names:
-                self._close_lid("upper", side, rest, deltas[names.index(shape)], names.index(shape))
+                self.lids.close("upper", side, rest, deltas, names.index(shape))
 
-    def _close_lid(
-        self, lid: str, side: str, rest: NDArray[np.float64], delta: NDArray[np.float64], shape: int
-    ) -> None:
-        """Let the upper or lower lid of one side meet the other in blendshape `delta` (V, 3), in place."""
-        contact = self.contacts.get(f"{lid}_lid_{side}")
-        if contact is not None:
-            wanted = _LID_GAP * contact.offsets(self.mean + self.generic[shape])
-            contact.change(delta, wanted - contact.offsets(rest + delta))
 
-    def _clear_eyeballs(self, rest: NDArray[np.float64], deltas: NDArray[np.float64]) -> None:
-        """Let closing lids slide over the eyeballs, where the face has eyeballs."""
-        names, masks = self.face.blendshape_names, self.face.topology.masks
-        for part, kind in self.face.rigid_parts.items():
-            side = part.rpartition("_")[2]
-            lid = masks.get(f"eyelid_upper_{side}", np.empty(0, dtype=np.int32))
-            if kind != "eye" or not len(lid):
-                continue
-            ball = rigid_vertices(self.face, part)
-            for shape in (f"eyeBlink_{side[0].upper()}", "eyesLookDown"):
-                if shape in names:
-                    i = names.index(shape)
-                    # As far outside as the generic lid is; more would tear it from the lower lid.
-                    generic = self.mean + self.generic[i]
-                    wanted = np.minimum(clearance(generic[lid], generic[ball]), _LID_CLEARANCE_MM)
-                    closed = push_outside(rest[lid] + deltas[i, lid], rest[ball] + deltas[i, ball], wanted)
-                    deltas[i, lid] = closed - rest[lid]
-                    if shape.startswith("eyeBlink"):
-                        self._close_lid("lower", side, rest, deltas[i], i)
+def _renumbered(faces: NDArray[np.int32], kept: slice | NDArray[np.intp], n_vertices: int) -> NDArray[np.intp]:
+    """Return triangles with their vertices numbered within those that are kept."""
+    number = np.full(n_vertices, -1)
+    number[kept] = np.arange(len(number[kept]))
+    return number[faces]
 
 
 def _rms(fields: NDArray[np.floating]) -> NDArray[np.float64]:
