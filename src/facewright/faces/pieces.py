@@ -64,6 +64,11 @@ class Followers:
         The surface at rest.
     loose : ndarray of shape (L, 3), millimetres
         What follows, at rest.
+
+    Attributes
+    ----------
+    nearness : ndarray of shape (L,)
+        How much of the surface's motion each loose vertex makes: 1 on the surface, 0 far away.
     """
 
     def __init__(self, surface: NDArray[np.floating], loose: NDArray[np.floating]) -> None:
@@ -71,6 +76,7 @@ class Followers:
         weights = np.exp(-0.5 * (distance / FOLLOW_MM) ** 2)
         nearness = np.exp(-0.5 * (distance[:, :1] / FOLLOW_MM) ** 2) if len(loose) else weights
         self._weights = weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12) * nearness
+        self.nearness = nearness[:, 0] if len(loose) else np.zeros(0)
 
     def follow(self, moved: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return how far the loose vertices (..., L, 3) go when the surface moves by `moved` (..., S, 3)."""
