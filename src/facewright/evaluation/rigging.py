@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from facewright.deform.deformation_transfer import DeformationTransfer
 from facewright.deform.example_based_rigging import RigFitter
 from facewright.errors import ValueRangeError
-from facewright.faces.blendshape_names import mirrored_name
+from facewright.faces.blendshape_names import coupled_shapes, mirrored_name
 from facewright.faces.expressions import EXPRESSION_WEIGHTS, random_expression_weights
 from facewright.faces.face import Face
 from facewright.faces.simulate import simulate_person
@@ -65,18 +65,6 @@ def act(
         neutral, rng.uniform(*FITTING_CORRELATION_MM), FITTING_NOISE_MM, rng, n_fields=len(guide)
     )
     return ActedPoses(neutral + np.tensordot(weights, deltas, 1) + noise, weights)
-
-
-def coupled_shapes(names: tuple[str, ...]) -> list[tuple[int, int]]:
-    """Return index pairs of shapes that a person exaggerates alike: left and right; the jaw and its counter-shape."""
-    pairs = [
-        (i, names.index(mirrored_name(name)))
-        for i, name in enumerate(names)
-        if name.endswith("_L") and mirrored_name(name) in names
-    ]
-    if "jawOpen" in names and "mouthClose" in names:
-        pairs.append((names.index("jawOpen"), names.index("mouthClose")))
-    return pairs
 
 
 def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: int = 8) -> dict[str, float]:

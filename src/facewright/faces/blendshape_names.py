@@ -92,6 +92,18 @@ def mirrored_name(name: str) -> str:
     return _SIDEWAYS.get(name, name)
 
 
+def coupled_shapes(names: tuple[str, ...]) -> list[tuple[int, int]]:
+    """Return index pairs of shapes that a person exaggerates alike: left and right; the jaw and its counter-shape."""
+    pairs = [
+        (i, names.index(mirrored_name(name)))
+        for i, name in enumerate(names)
+        if name.endswith("_L") and mirrored_name(name) in names
+    ]
+    if "jawOpen" in names and "mouthClose" in names:
+        pairs.append((names.index("jawOpen"), names.index("mouthClose")))
+    return pairs
+
+
 def mirror_order() -> NDArray[np.intp]:
     """Return the (46,) permutation that swaps left and right: ``weights[mirror_order()]`` mirrors a pose."""
     return np.array([BLENDSHAPE_NAMES.index(mirrored_name(name)) for name in BLENDSHAPE_NAMES])
