@@ -117,8 +117,9 @@ def render_mesh(
     covered = fragments.covered
     linear = np.zeros((height * s, width * s, 3), np.float32)
     if covered.any():
-        shaded = _shade(fragments, covered, camera_vertices, faces, albedo, lights, shininess)
-        linear[covered] = shaded
+        linear[covered] = shade_fragments(
+            fragments, camera_vertices, faces, albedo=albedo, lights=lights, shininess=shininess
+        )
     weight = covered.reshape(height, s, width, s).mean(axis=(1, 3), dtype=np.float32)
     linear = linear.reshape(height, s, width, s, 3).mean(axis=(1, 3))
     base = np.broadcast_to(np.asarray(background, dtype=np.float32) / 255.0, (height, width, 3))
@@ -129,16 +130,18 @@ def render_mesh(
     return Rendering(image, weight)
 
 
-def _shade(
+def shade_fragments(
     fragments: Fragments,
-    covered: NDArray[np.bool_],
     camera_vertices: NDArray[np.floating],
     faces: NDArray[np.integer],
-    albedo: Albedo | None,
-    lights: Lights,
-    shininess: NDArray[np.floating] | float,
+    *,
+    albedo: Albedo | None = None,
+    lights: Lights | None = None,
+    shininess: NDArray[np.floating] | float = 0.12,
 ) -> NDArray[np.float32]:
-    """Return the linear colour of the covered samples, shape (N, 3)."""
+    """Return the linear colour of the covered samples of a rasterised mesh, shape (N, 3); see `render_mesh`."""
+    lights = lights or Lights()
+    covered = fragments.covered
     n_vertices = len(camera_vertices)
     # vertex_normals points outwards for counter-clockwise triangles in a right-handed frame, which x right, y down,
     # z away is too
