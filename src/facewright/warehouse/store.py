@@ -1,0 +1,511 @@
+"""The database of people: subjects x expressions in one Zarr store, local or behind any fsspec URL."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import NDArray
+
+from facewright.errors import FileFormatError, StoreError, TopologyError, ValueRangeError
+from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
+from facewright.faces.expressions import EXPRESSION_NAMES
+from facewright.mesh.topology import Topology
+from facewright.numeric.check import check_choice
+from facewright.warehouse.layout import (
+    FIELDS,
+    KIND,
+    ROOT,
+    VERSION,
+    failure_folder,
+    group_content,
+    group_document,
+    label_key,
+    new_token,
+    subject_key,
+)
+from facewright.warehouse.objects import Objects, open_objects
+from facewright.warehouse.subject import Subject, check_name
+
+if TYPE_CHECKING:
+    from facewright.faces.face import Face
+    from facewright.warehouse.blendshape_tensor import BlendshapeTensor
+    from facewright.warehouse.entry import Failure, SubjectEntry
+    from facewright.warehouse.query import Value
+
+GROUPS = ("topology", "subjects", "labels", "failures")
+_RESERVED = ("zarr.json",)
+
+
+class Warehouse:
+    """An open database; made by `Warehouse.create` or `Warehouse.open`, cheap, and safe to pickle.
+
+    Arrays come back bit by bit as they were written. Subjects appear whole or not at all; many processes may read and
+    write at once. See `facewright.warehouse.layout` for what lies where.
+    """
+
+    def __init__(self, objects: Objects, document: dict[str, Any], mode: str) -> None:
+        self._objects = objects
+        self._document = document
+        self.mode = mode
+
+    # --- making and opening ------------------------------------------------------------------------------------------
+
+    @classmethod
+    def create(
+        cls,
+        url: str | os.PathLike[str],
+        face: Face | Topology,
+        *,
+        expression_names: Sequence[str] = EXPRESSION_NAMES,
+        blendshape_names: Sequence[str] = BLENDSHAPE_NAMES,
+        exist_ok: bool = False,
+    ) -> Warehouse:
+        """Make an empty database.
+
+        Parameters
+        ----------
+        url : str or path
+            New or empty folder, or URL that fsspec knows.
+        face : Face or Topology
+            What all meshes in it are of.
+        expression_names : sequence of str
+            Expressions that subjects are asked for, the neutral first.
+        blendshape_names : sequence of str
+            The 46 blendshapes without the neutral.
+        exist_ok : bool
+            Open the database that is there, if it is of this topology and these blendshapes. Of two processes that
+            create at once, one makes the store and the other opens it.
+
+        Raises
+        ------
+        StoreError
+            If something is there already, or the place cannot be written.
+        TopologyError
+            If `exist_ok` and the database there is of another topology or other blendshapes.
+        """
+        from facewright import __version__
+        from facewright.warehouse.arrays import import_zarr
+        from facewright.warehouse.topology_arrays import encode_topology
+
+        import_zarr()
+        objects = open_objects(url)
+        topology = face if isinstance(face, Topology) else face.topology
+        names = tuple(expression_names), tuple(blendshape_names)
+        if objects.get([ROOT])[0] is not None:
+            return cls._existing(url, topology, names[1], exist_ok)
+        _check_place(objects)
+        if names[0][:1] != ("neutral",) or any(len(set(some)) < len(some) for some in names) or len(names[1]) != 46:
+            raise ValueRangeError(
+                "expression_names must be unique and begin with 'neutral', blendshape_names be 46 unique names, got "
+                f"{names[0]} and {len(names[1])} names."
+            )
+        parts, topology_document = encode_topology(topology, new_token())
+        content = {
+            "kind": KIND,
+            "version": VERSION,
+            "face": topology.name if isinstance(face, Topology) else face.name,
+            "licence": "" if isinstance(face, Topology) else face.licence,
+            "expression_names": list(names[0]),
+            "blendshape_names": list(names[1]),
+            "topology": topology_document,
+            "facewright": __version__,
+        }
+        try:
+            objects.put_all(parts)
+            for group in GROUPS:
+                objects.put(f"{group}/zarr.json", group_document())
+            made = objects.create(ROOT, group_document(content))
+        except BaseException:
+            _remove_quietly(objects, f"topology/{topology_document['token']}")
+            raise
+        if not made:
+            _remove_quietly(objects, f"topology/{topology_document['token']}")
+            return cls._existing(url, topology, names[1], exist_ok)
+        return cls(objects, content, "a")
+
+    @classmethod
+    def _existing(
+        cls, url: str | os.PathLike[str], topology: Topology, blendshape_names: tuple[str, ...], exist_ok: bool
+    ) -> Warehouse:
+        if not exist_ok:
+            raise StoreError(f"{url} must be a new place, got one that holds a Zarr store already; open it instead.")
+        store = cls.open(url, "a")
+        if store.topology.fingerprint != topology.fingerprint:
+            raise TopologyError(
+                f"{url} must be a database of {topology.name!r} ({topology.n_vertices} vertices), got one of "
+                f"{store.face_name!r} ({store.n_vertices} vertices)."
+            )
+        if store.blendshape_names[1:] != blendshape_names:
+            raise TopologyError(
+                f"{url} must be a database with blendshapes {', '.join(blendshape_names[:3])} ..., got "
+                f"{', '.join(store.blendshape_names[1:4])} ..."
+            )
+        return store
+
+    @classmethod
+    def open(cls, url: str | os.PathLike[str], mode: str = "r") -> Warehouse:
+        """Open a database: ``"r"`` to read, ``"a"`` to write, too.
+
+        Raises
+        ------
+        StoreError
+            If there is none, or it cannot be read.
+        FileFormatError
+            If what is there is foreign, damaged or of another version.
+        """
+        check_choice("mode", mode, ("r", "a"))
+        objects = open_objects(url)
+        (found,) = objects.get([ROOT])
+        if found is None:
+            raise _no_store(objects)
+        return cls(objects, _checked_document(objects.url, found), mode)
+
+    # --- what it is of -----------------------------------------------------------------------------------------------
+
+    @property
+    def url(self) -> str:
+        """Where it lies."""
+        return self._objects.url
+
+    @property
+    def version(self) -> int:
+        """Version of the store's layout."""
+        return int(self._document["version"])
+
+    @property
+    def face_name(self) -> str:
+        """Name of the face whose topology it is of."""
+        return str(self._document["face"])
+
+    @property
+    def licence(self) -> str:
+        """Licence and attribution of the face's geometry."""
+        return str(self._document.get("licence", ""))
+
+    @property
+    def expression_names(self) -> tuple[str, ...]:
+        """Expressions that subjects are asked for, the neutral first; a subject may have others."""
+        return tuple(self._document["expression_names"])
+
+    @property
+    def blendshape_names(self) -> tuple[str, ...]:
+        """Names of the 47 rows of blendshapes: ``"neutral"`` and the 46."""
+        return ("neutral", *self._document["blendshape_names"])
+
+    @property
+    def n_vertices(self) -> int:
+        """Number of vertices V of every mesh."""
+        return int(self._document["topology"]["n_vertices"])
+
+    @cached_property
+    def topology(self) -> Topology:
+        """The topology, read from the store."""
+        from facewright.warehouse.topology_arrays import read_topology
+
+        return read_topology(self._objects, self._document["topology"])
+
+    # --- subjects ----------------------------------------------------------------------------------------------------
+
+    def subject_names(self, where: str | Iterable[str] = (), **attributes: Value) -> list[str]:
+        """Return the names of subjects, sorted; no arrays are read.
+
+        Parameters
+        ----------
+        where : str or iterable of str
+            Conditions such as ``"age > 30 and sex = f"``; all must hold. See `facewright.warehouse.query.Condition`.
+        **attributes
+            Attributes that must be equal.
+
+        Raises
+        ------
+        ValueRangeError
+            If a condition cannot be read, or is about an attribute that no subject has.
+        """
+        return [entry.name for entry in self.entries(where, **attributes)]
+
+    def entries(self, where: str | Iterable[str] = (), **attributes: Value) -> list[SubjectEntry]:
+        """Return the small documents of subjects, sorted by name; see `subject_names`."""
+        from facewright.warehouse.query import check_known, conditions_of
+
+        conditions = conditions_of(where, **attributes)
+        entries = self._read_entries([n for n in self._objects.names_in("subjects") if n not in _RESERVED])
+        if not conditions or not entries:
+            return entries
+        check_known(conditions, (entry.attributes for entry in entries))
+        return [e for e in entries if all(condition.fits(e.attributes) for condition in conditions)]
+
+    def entry(self, name: str) -> SubjectEntry:
+        """Return the small document of one subject.
+
+        Raises
+        ------
+        StoreError
+            If there is no such subject.
+        FileFormatError
+            If its document is damaged.
+        """
+        check_name(name)
+        found = self._read_entries([name])
+        if not found:
+            raise StoreError(f"{self.url} has no subject {name!r}; see facewright warehouse ls.")
+        return found[0]
+
+    def __contains__(self, name: str) -> bool:
+        return self._objects.get([subject_key(name)])[0] is not None
+
+    def read_subject(self, name: str, fields: Iterable[str] | None = None) -> Subject:
+        """Read a subject, checking every array against its checksum.
+
+        Parameters
+        ----------
+        name : str
+        fields : iterable of str, optional
+            Arrays to read beside the meshes; all by default. The others are None.
+
+        Raises
+        ------
+        StoreError
+            If there is no such subject, or the store cannot be read.
+        FileFormatError
+            If an array is missing, truncated or corrupt; the message names subject and array.
+        """
+        wanted = list(FIELDS) if fields is None else ["meshes", *fields]
+        for field in wanted:
+            check_choice("field", field, FIELDS)
+        entry = self.entry(name)
+        while True:
+            try:
+                arrays = {key: self._read_field(entry, key) for key in entry.arrays if key in wanted}
+                break
+            except FileFormatError:
+                entry, before = self.entry(name), entry
+                if entry.token == before.token:  # else it was written again meanwhile
+                    raise
+        return Subject(
+            name=name,
+            expressions=entry.expressions,
+            attributes=entry.attributes,
+            provenance=entry.provenance,
+            **arrays,
+        )
+
+    def read_array(self, name: str, field: str) -> NDArray[Any] | None:
+        """Read one array of a subject, such as ``"blendshapes"``; None where the subject has none."""
+        check_choice("field", field, FIELDS)
+        entry = self.entry(name)
+        return self._read_field(entry, field) if field in entry.arrays else None
+
+    def write_subject(self, subject: Subject, overwrite: bool = False) -> SubjectEntry:
+        """Write a subject, whole or not at all, and forget its recorded failure.
+
+        Raises
+        ------
+        StoreError
+            If it is there already and `overwrite` is False, the database is open for reading only, or there is no
+            room.
+        TopologyError
+            If its meshes are of another number of vertices.
+        """
+        from facewright.warehouse.commit import commit_subject
+
+        self._check_writable()
+        if subject.name in _RESERVED:
+            raise ValueRangeError(f"name of a subject must not be {subject.name!r}, which the store needs itself.")
+        for field in ("meshes", "blendshapes"):
+            array = getattr(subject, field)
+            if array is not None and array.shape[1] != self.n_vertices:
+                raise TopologyError(
+                    f"{field} of subject {subject.name!r} must have the {self.n_vertices} vertices of "
+                    f"{self.face_name!r}, got {array.shape[1]}."
+                )
+        entry = commit_subject(self._objects, subject, overwrite=overwrite)
+        self._objects.delete(failure_folder(subject.name))
+        return entry
+
+    def remove_subject(self, name: str) -> None:
+        """Remove a subject with all its arrays and labels; a recorded failure of that name goes, too."""
+        self._check_writable()
+        entry_exists = name in self
+        if not entry_exists and failure_folder(name).rpartition("/")[2] not in self._objects.names_in("failures"):
+            raise StoreError(f"{self.url} has no subject {name!r}; see facewright warehouse ls.")
+        if entry_exists:
+            self._objects.delete(subject_key(name))  # from here on it is gone
+            self._objects.delete(f"subjects/{name}")
+            self._objects.delete(f"labels/{name}")
+        self._objects.delete(failure_folder(name))
+
+    def set_labels(self, name: str, **attributes: Value | None) -> dict[str, Any]:
+        """Set attributes of a subject; they win over those it was written with, also when it is written again.
+
+        None takes an attribute away. Arrays and `digest` stay as they are.
+
+        Returns
+        -------
+        dict
+            All attributes, as they hold now.
+        """
+        from dataclasses import replace
+
+        from facewright.warehouse.commit import checked_attributes
+
+        self._check_writable()
+        entry = self.entry(name)
+        checked: dict[str, Any] = checked_attributes({k: v for k, v in attributes.items() if v is not None})
+        labels = {**entry.labels, **checked, **{key: None for key, value in attributes.items() if value is None}}
+        self._objects.put(label_key(name), group_document({"labels": labels}))
+        return replace(entry, labels=labels).attributes
+
+    def digest(self, name: str) -> str:
+        """Return the SHA-256 of a subject's contents: equal contents, equal digest, wherever and whenever written."""
+        return self.entry(name).digest
+
+    def blendshape_tensor(self, names: Sequence[str] | None = None) -> BlendshapeTensor:
+        """Return the blendshapes of subjects as a tensor (N, 47, V, 3) that is read by blocks of vertices.
+
+        Parameters
+        ----------
+        names : sequence of str, optional
+            Which subjects, in which order; by default all that have blendshapes, by name.
+
+        Raises
+        ------
+        StoreError
+            If there is no subject of a name, or none with blendshapes.
+        """
+        from facewright.warehouse.blendshape_tensor import BlendshapeTensor
+
+        entries = self.entries() if names is None else self._read_entries(list(names))
+        missing = set(names or ()) - {entry.name for entry in entries}
+        missing |= {entry.name for entry in entries if names is not None and "blendshapes" not in entry.arrays}
+        entries = [entry for entry in entries if "blendshapes" in entry.arrays]
+        if missing or not entries:
+            whom = f"for {', '.join(sorted(missing)[:5])}" if missing else "for any subject"
+            raise StoreError(f"{self.url} has no blendshapes {whom}; see facewright warehouse ls.")
+        return BlendshapeTensor(self._objects, entries)
+
+    # --- failures ----------------------------------------------------------------------------------------------------
+
+    def record_failure(self, name: str, reason: str, kind: str = "") -> None:
+        """Keep why a subject could not be made, until it is written; an older subject of that name stays.
+
+        Parameters
+        ----------
+        name : str
+            Any text, since an unusable name may be the reason.
+        reason : str
+            One sentence.
+        kind : str
+            Kind of failure, such as the error's class.
+        """
+        self._check_writable()
+        token = self._token(name)
+        content = {"name": name, "kind": kind, "reason": " ".join(reason.split()), "beside": token}
+        self._objects.put(f"{failure_folder(name)}/zarr.json", group_document(content))
+
+    def failures(self) -> dict[str, Failure]:
+        """Return recorded failures by subject, sorted by name."""
+        from facewright.warehouse.entry import Failure
+
+        folders = [n for n in self._objects.names_in("failures") if n not in _RESERVED]
+        found = {}
+        for document in self._objects.get([f"failures/{folder}/zarr.json" for folder in folders]):
+            if document is None:
+                continue
+            content = group_content(document, f"{self.url}: failure")
+            name = str(content.get("name", ""))
+            # A writer that was killed between its commit and the clean-up leaves a failure that no longer holds.
+            if self._token(name) == content.get("beside"):
+                found[name] = Failure(name, str(content.get("kind", "")), str(content.get("reason", "")))
+        return dict(sorted(found.items()))
+
+    # -----------------------------------------------------------------------------------------------------------------
+
+    def _token(self, name: str) -> str | None:
+        try:
+            check_name(name)
+        except ValueRangeError:
+            return None
+        document = self._objects.get([subject_key(name)])[0]
+        return None if document is None else str(group_content(document, subject_key(name)).get("token"))
+
+    def _read_entries(self, names: list[str]) -> list[SubjectEntry]:
+        from facewright.warehouse.entry import entry_from_content
+
+        documents = self._objects.get([subject_key(name) for name in names])
+        labelled = set(self._objects.names_in("labels")) & set(names)
+        labels = dict(zip(sorted(labelled), self._objects.get([label_key(name) for name in sorted(labelled)])))
+        entries = []
+        for name, document in zip(names, documents):
+            if document is None:
+                continue
+            where = f"{self.url}: subject {name!r}"
+            set_later: Any = {}
+            if labels.get(name) is not None:
+                set_later = group_content(labels[name] or b"", f"{where}, labels").get("labels", {})
+            content = group_content(document, where)
+            entries.append(entry_from_content(name, content, set_later if isinstance(set_later, dict) else {}, where))
+        return entries
+
+    def _read_field(self, entry: SubjectEntry, field: str) -> NDArray[Any]:
+        from facewright.warehouse.arrays import read_array
+
+        where = f"{self.url}: {field} of subject {entry.name!r}"
+        return read_array(self._objects, f"{entry.folder}/{field}", entry.arrays[field], where)
+
+    def _check_writable(self) -> None:
+        if self.mode != "a":
+            raise StoreError(f"{self.url} is open for reading only; open it with mode 'a'.")
+
+
+def _check_place(objects: Objects) -> None:
+    """Refuse a place that holds something else; what a killed `create` left is no hindrance."""
+    foreign = [name for name in objects.names_in("") if name not in GROUPS]
+    if foreign:
+        raise StoreError(
+            f"{objects.url} must be a new or empty place for a database, got one with {foreign[0]!r} in it."
+        )
+
+
+def _remove_quietly(objects: Objects, key: str) -> None:
+    from contextlib import suppress
+
+    with suppress(StoreError):
+        objects.delete(key)
+
+
+def _no_store(objects: Objects) -> StoreError | FileFormatError:
+    names = objects.names_in("")
+    if any(name in names for name in (".zgroup", ".zarray")) or objects.get([".zgroup"])[0] is not None:
+        return FileFormatError(f"{objects.url} must be a facewright database (Zarr version 3), got Zarr version 2.")
+    if names:
+        return FileFormatError(f"{objects.url} must be a facewright database, got something else: no {ROOT} in it.")
+    return StoreError(f"{objects.url} must be a facewright database, got nothing there; facewright build makes one.")
+
+
+def _checked_document(url: str, document: bytes) -> dict[str, Any]:
+    """Return the root document's content; foreign and other versions are told apart."""
+    import json
+
+    try:
+        whole = json.loads(document)
+        node = whole["node_type"] if isinstance(whole, dict) else None
+        content = whole.get("attributes", {}).get("facewright")
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise FileFormatError(f"{url} must be a facewright database, got a damaged {ROOT}.") from error
+    if not isinstance(content, dict) or content.get("kind") != KIND:
+        raise FileFormatError(f"{url} must be a facewright database, got another Zarr {node}.")
+    version = content.get("version")
+    if version != VERSION:
+        newer = isinstance(version, int) and version > VERSION
+        raise FileFormatError(
+            f"{url} is a database of version {version}, this facewright reads version {VERSION}; "
+            + ("upgrade facewright." if newer else "build it again.")
+        )
+    needed = ("face", "expression_names", "blendshape_names", "topology")
+    missing = [key for key in needed if key not in content]
+    if missing or not isinstance(content["topology"], dict) or "n_vertices" not in content["topology"]:
+        raise FileFormatError(f"{url} is damaged: its {ROOT} says nothing of {(missing or ['the topology'])[0]}.")
+    return content
