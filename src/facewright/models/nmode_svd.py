@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple, cast
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.errors import ShapeError, ValueRangeError
-from facewright.numeric.check import check_choice
+from facewright.numeric.check import check_choice, check_shape
 
 Progress = Callable[[str, int, int], None]
 
@@ -67,7 +66,9 @@ def nmode_svd(
     tensor : array_like of shape (N, S, V, 3), or iterable of arrays of shape (N, S, v, 3)
         An ndarray, a ``numpy.memmap``, a `TensorFile`, anything with ``shape`` that gives ``tensor[:, :, a:b]``, or
         an iterable over consecutive vertex blocks that can be walked twice (a list, or an object with ``__iter__``;
-        not a generator). Not modified. Values in millimetres.
+        not a generator). Not modified. Values in millimetres. A tensor that has methods ``gram(mode, double,
+        progress)`` and ``project(factors, mode, progress)`` is asked for its products instead of its values, so that
+        they may be computed elsewhere; `gram_matrix` and `project_mode` say what they are.
     n_identity, n_expression : int
         I <= N and E <= S, components to keep.
     order : {"identity", "expression"}
@@ -109,7 +110,7 @@ def nmode_svd(
     factors: list[Any] = [None, None]
     values: list[Any] = [None, None]
     factors[first], values[first] = _leading(source, first, counts[first], precision, progress)
-    rest = _project(source, factors[first], first, progress)
+    rest = source.project(factors[first], first, progress)
     second = 1 - first
     factors[second], values[second] = _leading(_Resident(rest), second, counts[second], precision, progress)
     _project_in_place(rest, factors[second], second)
@@ -121,7 +122,17 @@ def nmode_svd(
 def gram_matrix(tensor: Any, mode: int, *, precision: str = "single", block_mb: float = 64.0) -> NDArray[np.float64]:
     """Return the Gram matrix of a tensor's unfolding: (N, N) for `mode` 0 (identity), (S, S) for 1 (expression)."""
     check_choice("mode", mode, (0, 1))
-    return _gram(_open(tensor, block_mb), mode, precision == "double", None)
+    return _open(tensor, block_mb).gram(mode, precision == "double", None)
+
+
+def project_mode(
+    tensor: Any, factors: NDArray[np.float64], mode: int, *, block_mb: float = 64.0
+) -> NDArray[np.float32]:
+    """Return a tensor times transposed factors (N, I) along mode 0 or (S, E) along 1: (I, S, 3V) or (N, E, 3V)."""
+    check_choice("mode", mode, (0, 1))
+    source = _open(tensor, block_mb)
+    check_shape("factors", factors, (source.n_people, source.n_shapes)[mode], "kept")
+    return source.project(factors, mode, None)
 
 
 # --- sources -----------------------------------------------------------------------------------------------------
@@ -137,6 +148,35 @@ class _Source:
 
     def blocks(self, double: bool) -> Iterator[tuple[slice, NDArray[Any]]]:
         raise TypeError
+
+    def gram(self, mode: int, double: bool, progress: Progress | None) -> NDArray[np.float64]:
+        return _gram(self, mode, double, progress)
+
+    def project(self, factors: NDArray[np.float64], mode: int, progress: Progress | None) -> NDArray[np.float32]:
+        return _project(self, factors, mode, progress)
+
+
+class _Elsewhere(_Source):
+    """A tensor whose products are computed by itself, wherever that is."""
+
+    def __init__(self, tensor: Any) -> None:
+        N, S, V, _ = tensor.shape
+        super().__init__(N, S, 3 * V)
+        self.tensor = tensor
+
+    def gram(self, mode: int, double: bool, progress: Progress | None) -> NDArray[np.float64]:
+        gram = np.asarray(self.tensor.gram(mode, double, progress), dtype=np.float64)
+        size = (self.n_people, self.n_shapes)[mode]
+        check_shape("gram", gram, size, size)
+        _check_gram(gram)
+        return gram
+
+    def project(self, factors: NDArray[np.float64], mode: int, progress: Progress | None) -> NDArray[np.float32]:
+        shape = [self.n_people, self.n_shapes, cast(int, self.n_columns)]
+        shape[mode] = factors.shape[1]
+        rest = self.tensor.project(factors, mode, progress)
+        check_shape("projected tensor", rest, *shape)
+        return rest
 
 
 class _Resident(_Source):
@@ -213,6 +253,8 @@ def _open(tensor: Any, block_mb: float) -> _Source:
     if not hasattr(tensor, "shape"):
         return _Iterated(tensor)
     _check_tensor_shape("tensor", tensor.shape)
+    if hasattr(tensor, "gram") and hasattr(tensor, "project"):
+        return _Elsewhere(tensor)
     plain = type(tensor) is np.ndarray and tensor.strides[3] * 3 == tensor.strides[2]
     if plain and tensor.dtype.kind == "f":
         N, S, V, _ = tensor.shape
@@ -236,10 +278,10 @@ def _leading(
     source: _Source, mode: int, count: int, precision: str, progress: Progress | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the leading left singular vectors of the mode's unfolding and all its singular values."""
-    gram = _gram(source, mode, precision == "double", progress)
+    gram = source.gram(mode, precision == "double", progress)
     values, vectors = np.linalg.eigh(gram)
     if precision == "auto" and values[-count] < 10 * SINGLE_NOISE_FLOOR * values[-1]:
-        values, vectors = np.linalg.eigh(_gram(source, mode, True, progress))
+        values, vectors = np.linalg.eigh(source.gram(mode, True, progress))
     vectors = vectors[:, ::-1][:, :count]
     # An eigenvector's sign is arbitrary: make its largest entry positive, so that results repeat.
     largest = np.take_along_axis(vectors, np.abs(vectors).argmax(axis=0)[None], axis=0)[0]
@@ -255,10 +297,13 @@ def _gram(source: _Source, mode: int, double: bool, progress: Progress | None) -
             rows = block[:, index] if mode == 0 else block[index]
             gram += rows @ rows.T
         _report(progress, ("identity", "expression")[mode] + " modes", columns.stop, source.n_columns)
-    bad = math.prod(gram.shape) - int(np.isfinite(gram).sum())
-    if bad:
-        raise ValueRangeError("tensor must be finite, got NaN or infinite values; fill missing cells first.")
+    _check_gram(gram)
     return gram
+
+
+def _check_gram(gram: NDArray[np.float64]) -> None:
+    if not np.isfinite(gram).all():
+        raise ValueRangeError("tensor must be finite, got NaN or infinite values; fill missing cells first.")
 
 
 def _project(

@@ -46,3 +46,19 @@ def for_blocks(size: int, block: int, work: Callable[[int, int], None]) -> None:
     with ThreadPoolExecutor(workers) as pool:
         for _ in pool.map(lambda start: work(start, min(start + block, size)), starts):
             pass
+
+
+def thread_environment(n_threads: int) -> dict[str, str]:
+    """Return the environment of a process that shall compute with `n_threads` threads: BLAS, OpenMP, numba, ours.
+
+    Libraries read these when they are loaded: the variables must be set before the process starts.
+
+    Raises
+    ------
+    ValueRangeError
+        If `n_threads` is not positive.
+    """
+    if n_threads < 1:
+        raise ValueRangeError(f"n_threads must be positive, got {n_threads}.")
+    names = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM")
+    return {f"{name}_THREADS": str(n_threads) for name in names}
