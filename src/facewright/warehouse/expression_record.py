@@ -1,0 +1,243 @@
+"""One recording of one expression: read, fused, and with landmarks on its reference frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.capture.captures import find_sidecar
+from facewright.capture.fused_depth import FusedDepth
+from facewright.errors import NoFaceError, ValueRangeError
+from facewright.landmarks.points import Landmarks
+
+if TYPE_CHECKING:
+    from facewright.capture.frame import RGBDFrame
+    from facewright.capture.recording import Recording
+    from facewright.landmarks.detector import LandmarkDetector
+
+
+@dataclass(eq=False)
+class StageClock:
+    """Seconds spent in each stage, and what calls itself at the end of one.
+
+    Parameters
+    ----------
+    seconds : dict of str to float
+        Stage -> wall-clock seconds so far.
+    """
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def add(self, stage: str, seconds: float) -> None:
+        """Add to a stage (also a negative number: time that belongs to another)."""
+        self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+
+    @contextmanager
+    def time(self, stage: str) -> Iterator[None]:
+        """Count what happens inside to a stage, also when it fails."""
+        start = perf_counter()
+        try:
+            yield
+        finally:
+            self.add(stage, perf_counter() - start)
+
+
+@dataclass(frozen=True, eq=False)
+class ExpressionRecord:
+    """What is known of one expression before any mesh is fitted.
+
+    Parameters
+    ----------
+    name : str
+        The expression.
+    fused : FusedDepth
+        Depth and picture of the reference frame.
+    landmarks : Landmarks
+        ``fw74`` points of that picture.
+    facts : dict
+        For the provenance: recording, fusion report, where the landmarks come from.
+    """
+
+    name: str
+    fused: FusedDepth
+    landmarks: Landmarks
+    facts: dict[str, Any]
+
+
+def needs_detector(recordings: dict[str, Path]) -> bool:
+    """Tell whether any recording lacks a sidecar with all 74 points.
+
+    Raises
+    ------
+    FileFormatError, StoreError
+        If a sidecar cannot be read.
+    """
+    return not all(_is_complete(_sidecar(path)) for path in recordings.values())
+
+
+def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock: StageClock) -> ExpressionRecord:
+    """Read, fuse and mark one recording.
+
+    Points of a sidecar win over the detector's, point by point; its frame number is the reference frame.
+
+    Parameters
+    ----------
+    name : str
+        The expression.
+    path : Path
+        The recording.
+    detector : LandmarkDetector or None
+        None where sidecars hold all points.
+    clock : StageClock
+        Gets the seconds of the stages "read", "fuse" and "landmark".
+
+    Raises
+    ------
+    NoFaceError
+        If no face is found in the reference frame.
+    FileFormatError, StoreError, ValueRangeError
+        If recording or sidecar are damaged.
+    """
+    from facewright.capture.fusion import fuse
+    from facewright.capture.recording import open_recording
+
+    sidecar = _sidecar(path)
+    with clock.time("read"):
+        recording = open_recording(path)
+    reference = None if sidecar is None else _checked_frame(sidecar[0], recording, path)
+    rectangle = None if not _is_complete(sidecar) or sidecar is None else landmark_rectangle(sidecar[1], recording.size)
+    timed = TimedRecording(recording, clock)
+    start = perf_counter()
+    waited = clock.seconds.get("read", 0.0)
+    fused = fuse(timed, rectangle=rectangle, reference=reference, detector=detector)
+    clock.add("fuse", perf_counter() - start - (clock.seconds.get("read", 0.0) - waited))
+    with clock.time("landmark"):
+        landmarks, source = _landmarks(fused, sidecar, detector, path)
+    facts = {
+        "recording": path.name,
+        "kind": recording.kind,
+        "reference_frame": fused.reference,
+        "rectangle": [int(v) for v in fused.rectangle],
+        "landmarks": source,
+        "landmarks_found": int(landmarks.present.sum()),
+        "fusion": fused.report.to_dict(),
+        "warnings": [*recording.warnings, *(w for w in fused.report.warnings if w not in recording.warnings)],
+    }
+    return ExpressionRecord(name, fused, landmarks, facts)
+
+
+class TimedRecording:
+    """A recording whose reading is timed; otherwise the recording itself.
+
+    Parameters
+    ----------
+    recording : Recording
+        What is read.
+    clock : StageClock
+        Gets the seconds waited for frames, as "read".
+    """
+
+    def __init__(self, recording: Recording, clock: StageClock) -> None:
+        self._recording = recording
+        self._clock = clock
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._recording, name)
+
+    def frame(self, i: int) -> RGBDFrame:
+        """Return frame `i`."""
+        with self._clock.time("read"):
+            return self._recording.frame(i)
+
+    def frames(self) -> Iterator[RGBDFrame]:
+        """Yield all frames in order."""
+        frames = self._recording.frames()
+        while True:
+            with self._clock.time("read"):
+                frame = next(frames, None)
+            if frame is None:
+                return
+            yield frame
+
+
+def landmark_rectangle(landmarks: Landmarks, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Return the face rectangle round landmarks, as wide again as half the face on each side, within the picture.
+
+    Parameters
+    ----------
+    landmarks : Landmarks
+        Of the picture.
+    size : (height, width)
+        Of the picture.
+    """
+    left, top, right, bottom = landmarks.box
+    wide, high = 0.25 * (right - left), 0.25 * (bottom - top)
+    return (
+        max(int(left - wide), 0),
+        max(int(top - 1.6 * high), 0),  # brows are the highest landmarks
+        min(int(right + wide) + 1, size[1]),
+        min(int(bottom + high) + 1, size[0]),
+    )
+
+
+def _sidecar(path: Path) -> tuple[int, Landmarks] | None:
+    from facewright.landmarks.files import read_landmarks
+
+    found = find_sidecar(path)
+    if found is None:
+        return None
+    landmarks = read_landmarks(found[1])
+    return found[0], landmarks if landmarks.scheme == "fw74" else landmarks.convert("fw74")
+
+
+def _is_complete(sidecar: tuple[int, Landmarks] | None) -> bool:
+    return sidecar is not None and bool(sidecar[1].present.all())
+
+
+def _checked_frame(number: int, recording: Recording, path: Path) -> int:
+    if not 0 <= number < recording.n_frames:
+        raise ValueRangeError(
+            f"landmarks of {path} must name a frame in [0, {recording.n_frames}), got {number} in the file's name."
+        )
+    return number
+
+
+def _landmarks(
+    fused: FusedDepth, sidecar: tuple[int, Landmarks] | None, detector: LandmarkDetector | None, path: Path
+) -> tuple[Landmarks, str]:
+    """Return fw74 landmarks of the reference frame and where they come from."""
+    if sidecar is not None and (_is_complete(sidecar) or detector is None):
+        return sidecar[1], "sidecar"
+    faces = detector.detect(fused.color) if detector is not None else []
+    inside = [face for face in faces if _overlaps(face.box, fused.rectangle)]
+    if not inside:
+        if sidecar is not None and sidecar[1].present.any():
+            return sidecar[1], "sidecar"
+        raise NoFaceError(
+            f"frame {fused.reference} of {path} must show a face in its face rectangle, the detector found none."
+        )
+    found = inside[0].convert("fw74")
+    if sidecar is None:
+        return found, "detector"
+    return found.overridden_by(sidecar[1]), "detector and sidecar"
+
+
+def _overlaps(box: tuple[float, float, float, float], rectangle: tuple[int, int, int, int]) -> bool:
+    x, y = 0.5 * (box[0] + box[2]), 0.5 * (box[1] + box[3])
+    return rectangle[0] <= x < rectangle[2] and rectangle[1] <= y < rectangle[3]
+
+
+def padded(pictures: list[NDArray[Any]]) -> NDArray[Any]:
+    """Stack pictures (H, W) or (H, W, C), smaller ones filled with zeros on the right and below: pixels stay."""
+    height, width = (max(picture.shape[axis] for picture in pictures) for axis in (0, 1))
+    stack = np.zeros((len(pictures), height, width, *pictures[0].shape[2:]), dtype=pictures[0].dtype)
+    for row, picture in zip(stack, pictures):
+        row[: picture.shape[0], : picture.shape[1]] = picture
+    return stack

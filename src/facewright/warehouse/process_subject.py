@@ -1,0 +1,291 @@
+"""One person from recordings to meshes and blendshapes, fully automatically (FaceWarehouse 3.1 and 3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.camera.pinhole import RigidMotion
+from facewright.errors import (
+    DegenerateError,
+    FacewrightError,
+    FileFormatError,
+    MissingExtraError,
+    MissingFaceError,
+    StoreError,
+    ValueRangeError,
+)
+from facewright.faces.expressions import EXPRESSION_NAMES, expression_weights
+from facewright.warehouse.expression_record import ExpressionRecord, StageClock, needs_detector, padded, read_record
+from facewright.warehouse.head_frame import HeadFrame
+from facewright.warehouse.personal_rig import PersonalRig, fit_personal_rig
+from facewright.warehouse.provenance import package_versions, plain
+from facewright.warehouse.subject import Subject
+
+if TYPE_CHECKING:
+    from facewright.capture.captures import SubjectCapture
+    from facewright.faces.face import Face
+    from facewright.fitting.scan import ScanFit, ScanFitter
+    from facewright.landmarks.detector import LandmarkDetector
+
+Progress = Callable[[str, int, int], None]
+
+STAGES = ("read", "fuse", "landmark", "neutral", "expression", "rig")
+"""Keys of the seconds that `process_timed` returns."""
+
+
+@dataclass(frozen=True)
+class ProcessOptions:
+    """How recordings become a subject; plain values only, so that they travel to workers and into provenance.
+
+    Parameters
+    ----------
+    face : str
+        Name or path of the face, see `facewright.faces.load_face`.
+    least_expressions : int
+        Expressions besides the neutral without which no blendshapes are made and the subject fails.
+    keep_records : bool
+        Keep fused depth and picture of each expression in the subject.
+    task_file : str
+        A ``face_landmarker.task`` file for MediaPipe releases that need one; empty for none.
+    """
+
+    face: str = "ict"
+    least_expressions: int = 10
+    keep_records: bool = True
+    task_file: str = ""
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.least_expressions < len(EXPRESSION_NAMES):
+            raise ValueRangeError(
+                f"least_expressions must be between 1 and {len(EXPRESSION_NAMES) - 1}, got {self.least_expressions}."
+            )
+
+
+class ProcessedSubject(NamedTuple):
+    """A subject and how long each stage took.
+
+    Attributes
+    ----------
+    subject : Subject
+        The result; it knows nothing of times.
+    seconds : dict of str to float
+        Wall-clock seconds of each of `STAGES`.
+    """
+
+    subject: Subject
+    seconds: dict[str, float]
+
+
+def process_subject(
+    capture: SubjectCapture, options: ProcessOptions | None = None, progress: Progress | None = None
+) -> Subject:
+    """Make meshes and blendshapes of one person from recordings; see `process_timed`."""
+    return process_timed(capture, options, progress).subject
+
+
+def process_timed(
+    capture: SubjectCapture, options: ProcessOptions | None = None, progress: Progress | None = None
+) -> ProcessedSubject:
+    """Make meshes and blendshapes of one person from recordings, and tell where the time went.
+
+    Recordings are fused, landmarks found on their reference frames (points of a sidecar win), the neutral is fitted,
+    then the other expressions; all are brought into one head frame; 46 blendshapes are recovered by example-based
+    rigging with the acted weights estimated; eyeballs, teeth, lashes and the other parts are attached. An expression
+    that fails is left out and recorded in the provenance.
+
+    Parameters
+    ----------
+    capture : SubjectCapture
+        From `facewright.capture.captures.list_captures`.
+    options : ProcessOptions, optional
+        How.
+    progress : callable, optional
+        Called as progress(expression, done, total).
+
+    Returns
+    -------
+    ProcessedSubject
+        Equal input gives an equal subject.
+
+    Raises
+    ------
+    FileFormatError
+        If the capture has problems, such as no recording of the neutral.
+    MissingExtraError
+        If a package is missing: Open3D, or MediaPipe while a recording has no complete sidecar.
+    FacewrightError
+        If the neutral cannot be used, of the kind that its failure was.
+    DegenerateError
+        If fewer than `least_expressions` other expressions can be used.
+    """
+    from facewright.faces.load import load_face
+
+    options = options or ProcessOptions()
+    if capture.problems or "neutral" not in capture.recordings:
+        raise FileFormatError(
+            " ".join(capture.problems) or f"{capture.path} must have a recording of the neutral expression."
+        )
+    face = load_face(options.face)
+    run = _Run(face, capture, StageClock({stage: 0.0 for stage in STAGES}), progress)
+    with run.detector(options.task_file) as detector:
+        run.fit_all(detector)
+    if len(run.fits) - 1 < options.least_expressions:
+        raise DegenerateError(
+            f"subject {capture.name!r} must have at least {options.least_expressions} usable expressions besides the "
+            f"neutral, got {len(run.fits) - 1}" + run.why_not() + "."
+        )
+    with run.clock.time("rig"):
+        rig, motions = run.rig()
+    return ProcessedSubject(run.subject(options, rig, motions), run.clock.seconds)
+
+
+class _Run:
+    """One subject on its way through the stages."""
+
+    def __init__(self, face: Face, capture: SubjectCapture, clock: StageClock, progress: Progress | None) -> None:
+        self.face, self.capture, self.clock, self.progress = face, capture, clock, progress
+        names = [name for name in EXPRESSION_NAMES if name in capture.recordings]
+        self.names = sorted(names, key=lambda name: name != "neutral")  # the neutral first, others in their order
+        self.records: dict[str, ExpressionRecord] = {}
+        self.fits: dict[str, ScanFit] = {}
+        self.failed: dict[str, dict[str, str]] = {}
+
+    def detector(self, task_file: str) -> Any:
+        """Return the context of a detector, or of None where sidecars hold everything."""
+        if not needs_detector(dict(self.capture.recordings)):
+            return nullcontext(None)
+        from facewright.landmarks.detector import open_detector
+
+        with self.clock.time("landmark"):
+            return open_detector(task_file or None)
+
+    def fit_all(self, detector: LandmarkDetector | None) -> None:
+        """Read and fit every expression; the neutral must succeed."""
+        fitter = scan_fitter(self.face)
+        for done, name in enumerate(self.names):
+            if self.progress is not None:
+                self.progress(name, done, len(self.names))
+            try:
+                self._fit(fitter, name, detector)
+            except FacewrightError as error:
+                if _is_fatal(error):
+                    raise
+                if name == "neutral":
+                    raise type(error)(
+                        f"the neutral of subject {self.capture.name!r} cannot be used: {error}"
+                    ) from error
+                self.records.pop(name, None)
+                self.failed[name] = {"kind": type(error).__name__, "reason": str(error)}
+        if self.progress is not None:
+            self.progress("blendshapes", len(self.names), len(self.names))
+
+    def _fit(self, fitter: ScanFitter, name: str, detector: LandmarkDetector | None) -> None:
+        from facewright.fitting.depth_target import depth_target
+
+        record = read_record(name, self.capture.recordings[name], detector, self.clock)
+        self.records[name] = record
+        with self.clock.time("neutral" if name == "neutral" else "expression"):
+            target = depth_target(record.fused.depth, record.fused.intrinsics, record.landmarks)
+            if name == "neutral":
+                fit = fitter.fit_neutral(target)
+            else:
+                fit = fitter.fit_expression(self.fits["neutral"], expression_weights(name), target)
+        record.facts["landmarks_3d"] = target.landmarks
+        self.fits[name] = fit
+
+    def why_not(self) -> str:
+        """Return the reasons of failed expressions as a clause."""
+        return "".join(f"; {name}: {failure['reason'].rstrip('.')}" for name, failure in self.failed.items())
+
+    def rig(self) -> tuple[PersonalRig, list[RigidMotion]]:
+        """Return the rig, and the motion of each fit into the common head frame."""
+        neutral = self.fits["neutral"].vertices
+        frame = HeadFrame(self.face)
+        guide = np.stack([expression_weights(name) for name in self.fits])
+        still = RigidMotion(np.eye(3), np.zeros(3))
+        motions = [still] + [
+            frame.align(neutral, fit.vertices, fit.stage1_vertices - neutral)
+            for name, fit in self.fits.items()
+            if name != "neutral"
+        ]
+        skins = np.stack([motion.apply(fit.vertices) for motion, fit in zip(motions, self.fits.values())])
+        return fit_personal_rig(self.face, skins, guide), motions
+
+    def subject(self, options: ProcessOptions, rig: PersonalRig, motions: list[RigidMotion]) -> Subject:
+        """Return the arrays and where they come from."""
+        names = tuple(self.fits)
+        records = [self.records[name] for name in names]
+        poses = [fit.target_from_model.after(m.inverse()) for fit, m in zip(self.fits.values(), motions)]
+        blendshapes = np.concatenate([rig.meshes[:1], rig.meshes[0] + rig.deltas])
+        keep = options.keep_records
+        return Subject(
+            name=self.capture.name,
+            expressions=names,
+            meshes=rig.meshes.astype(np.float32),
+            blendshapes=blendshapes.astype(np.float32),
+            expression_weights=rig.weights,
+            depth=padded([record.fused.depth for record in records]) if keep else None,
+            color=padded([record.fused.color for record in records]) if keep else None,
+            intrinsics=np.array([_camera(record) for record in records]),
+            camera_from_model=np.stack([_matrix(pose) for pose in poses]),
+            landmarks=np.stack([record.landmarks.points for record in records]),
+            landmarks_3d=np.stack([record.facts.pop("landmarks_3d") for record in records]),
+            attributes=dict(self.capture.attributes),
+            provenance=self._provenance(options, rig, motions),
+        )
+
+    def _provenance(self, options: ProcessOptions, rig: PersonalRig, motions: list[RigidMotion]) -> dict[str, Any]:
+        expressions = {}
+        for i, (name, fit) in enumerate(self.fits.items()):
+            expressions[name] = {
+                **self.records[name].facts,
+                "fit": fit.report,
+                "head_shift_mm": float(np.linalg.norm(motions[i].translation)),
+                "rig_residual_mm": rig.residuals_mm[i],
+            }
+        return plain(
+            {
+                "source": "captures",
+                "versions": package_versions(),
+                "face": {"name": self.face.name, "topology": self.face.topology.fingerprint},
+                "options": {**asdict(options), "task_file": Path(options.task_file).name},
+                "expressions": expressions,
+                "failed": self.failed,
+                "missing": [name for name in EXPRESSION_NAMES if name not in self.capture.recordings],
+                "rig": {"method": "example-based rigging, acted weights estimated", "amplitudes": rig.amplitudes},
+            }
+        )
+
+
+@lru_cache(maxsize=2)
+def scan_fitter(face: Face) -> ScanFitter:
+    """Return the fitter of a face, made once a process."""
+    from facewright.fitting.scan import ScanFitter
+
+    return ScanFitter(face)
+
+
+def _is_fatal(error: FacewrightError) -> bool:
+    """Tell whether an error is not of one expression: a package is missing, or a disk may answer the next time."""
+    if isinstance(error, StoreError):
+        return isinstance(error.__cause__, OSError) and not isinstance(error.__cause__, FileNotFoundError)
+    return isinstance(error, MissingExtraError | MissingFaceError)
+
+
+def _camera(record: ExpressionRecord) -> list[float]:
+    k = record.fused.intrinsics
+    return [k.focal_x, k.focal_y, k.centre_x, k.centre_y]
+
+
+def _matrix(motion: RigidMotion) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = motion.rotation, motion.translation
+    return matrix
