@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from facewright import __version__
-from facewright.cli import demo, evaluate, export, faces, fit, info, model
+from facewright.cli import demo, evaluate, export, faces, fit, info, model, simulate
 from facewright.cli.console import EXIT_INTERRUPTED, FacewrightGroup
 
 app = typer.Typer(
@@ -43,6 +43,7 @@ app.add_typer(faces.app, name="faces")
 app.add_typer(model.app, name="model")
 app.command("fit")(fit.fit)
 app.command("export")(export.export)
+app.add_typer(simulate.app, name="simulate")
 app.command("evaluate")(evaluate.evaluate)
 app.command("info")(info.info)
 

@@ -1,0 +1,72 @@
+"""facewright simulate: recordings of made-up people, to try things without a camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from facewright.cli.console import JsonOption, finish, progress_bar, say
+
+app = typer.Typer(no_args_is_help=True, help="Make up recordings to try things with.", rich_markup_mode="rich")
+
+
+@app.command("captures")
+def captures(
+    out: Annotated[Path, typer.Argument(help="Folder for the captures; one folder a person is added to it.")],
+    subjects: Annotated[int, typer.Option(help="People.", min=1, max=1000)] = 3,
+    faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
+    frames: Annotated[int, typer.Option(help="Frames a recording, 30 a second.", min=1, max=3000)] = 24,
+    expressions: Annotated[str | None, typer.Option(help="Expressions with commas between; all 20 if absent.")] = None,
+    turn: Annotated[float, typer.Option(help="Turn of the head to each side, degrees.", min=0.0, max=60.0)] = 15.0,
+    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="A Kinect's noise, or perfect pictures.")] = True,
+    landmarks: Annotated[
+        str,
+        typer.Option(help="refined: write points as a careful person would set them; none: none."),
+    ] = "none",
+    truth: Annotated[bool, typer.Option("--truth", help="Write the true meshes beside, as truth.npz.")] = False,
+    seed: Annotated[int, typer.Option(help="Seed of people, acting and noise.", min=0)] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Simulate people who act expressions before a Kinect while they turn their heads: RGB-D recordings on disk.
+
+    \b
+    Examples:
+      facewright simulate captures captures
+      facewright simulate captures captures --subjects 1 --expressions neutral,smile,mouth_stretch
+      facewright simulate captures captures --faces ict --landmarks refined --truth
+    """
+    from facewright.apps.simulate_captures import SimulateCapturesRequest, simulate_captures
+    from facewright.faces.expressions import EXPRESSION_NAMES
+
+    chosen = EXPRESSION_NAMES if expressions is None else tuple(name.strip() for name in expressions.split(","))
+    request = SimulateCapturesRequest(
+        out=out,
+        n_subjects=subjects,
+        face=faces,
+        n_frames=frames,
+        expressions=chosen,
+        turn_degrees=turn,
+        seed=seed,
+        noise=noise,
+        landmarks=landmarks,
+        truth=truth,
+    )
+    with progress_bar(as_json) as progress:
+        result = simulate_captures(request, progress)
+    payload = {
+        "path": result.out,
+        "subjects": result.subjects,
+        "recordings": result.n_recordings,
+        "frames": result.n_frames,
+        "bytes": result.n_bytes,
+    }
+    finish(
+        payload,
+        as_json,
+        lambda: say(
+            f"Wrote {len(result.subjects)} people, {result.n_recordings} recordings, {result.n_frames} frames "
+            f"({result.n_bytes / 1e6:.0f} MB) to {result.out}; next: facewright build {result.out} -o faces.zarr"
+        ),
+    )
