@@ -50,7 +50,7 @@ class BlendshapeTensor:
         self._kept: tuple[int, slice, NDArray[np.float32]] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": None}
+        return {**self.__dict__, "_kept": None, "_indices": None}  # small on the way to a worker
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -77,8 +77,9 @@ class BlendshapeTensor:
             return block
         begin = start // self._chunk
         end = -(-stop // self._chunk)
-        if self._kept is not None and self._kept[:2] == (begin, people):
-            self._place(block, self._kept[2], begin, start, stop)
+        before = self._kept  # read once: several threads may share a tensor
+        if before is not None and before[:2] == (begin, people):
+            self._place(block, before[2], begin, start, stop)
             begin += 1
         straddles = stop % self._chunk != 0 and stop < V
         for number in range(begin, end):

@@ -1,4 +1,4 @@
-"""What a warehouse says of a subject without reading its arrays, and of one that could not be made."""
+"""What a warehouse says of a subject without reading its arrays."""
 
 from __future__ import annotations
 
@@ -118,22 +118,3 @@ def entry_from_content(name: str, content: Mapping[str, Any], labels: Mapping[st
             f"{where} is corrupt: the document of subject {name!r} does not match its checksum; make the subject again."
         )
     return entry
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why a subject could not be made.
-
-    Parameters
-    ----------
-    name : str
-        The subject's name, also where it is not one that the store could take.
-    kind : str
-        Kind of failure, such as the error's class.
-    reason : str
-        One sentence.
-    """
-
-    name: str
-    kind: str
-    reason: str

@@ -31,6 +31,7 @@ KIND = "facewright warehouse"
 VERSION = 1
 ROOT = "zarr.json"
 OUR_KEY = "facewright"
+GROUPS = ("topology", "subjects", "labels", "failures")
 
 FIELDS: tuple[str, ...] = (
     "meshes",

@@ -16,14 +16,11 @@ from facewright.mesh.topology import Topology
 from facewright.numeric.check import check_choice
 from facewright.warehouse.layout import (
     FIELDS,
-    KIND,
     ROOT,
-    VERSION,
     failure_folder,
     group_content,
     group_document,
     label_key,
-    new_token,
     subject_key,
 )
 from facewright.warehouse.objects import Objects, open_objects
@@ -32,10 +29,10 @@ from facewright.warehouse.subject import Subject, check_name
 if TYPE_CHECKING:
     from facewright.faces.face import Face
     from facewright.warehouse.blendshape_tensor import BlendshapeTensor
-    from facewright.warehouse.entry import Failure, SubjectEntry
+    from facewright.warehouse.entry import SubjectEntry
+    from facewright.warehouse.failures import Failure
     from facewright.warehouse.query import Value
 
-GROUPS = ("topology", "subjects", "labels", "failures")
 _RESERVED = ("zarr.json",)
 
 
@@ -88,43 +85,27 @@ class Warehouse:
         """
         from facewright import __version__
         from facewright.warehouse.arrays import import_zarr
-        from facewright.warehouse.topology_arrays import encode_topology
+        from facewright.warehouse.root_document import make_root
 
         import_zarr()
-        objects = open_objects(url)
-        topology = face if isinstance(face, Topology) else face.topology
         names = tuple(expression_names), tuple(blendshape_names)
-        if objects.get([ROOT])[0] is not None:
-            return cls._existing(url, topology, names[1], exist_ok)
-        _check_place(objects)
         if names[0][:1] != ("neutral",) or any(len(set(some)) < len(some) for some in names) or len(names[1]) != 46:
             raise ValueRangeError(
                 "expression_names must be unique and begin with 'neutral', blendshape_names be 46 unique names, got "
                 f"{names[0]} and {len(names[1])} names."
             )
-        parts, topology_document = encode_topology(topology, new_token())
-        content = {
-            "kind": KIND,
-            "version": VERSION,
+        objects = open_objects(url)
+        topology = face if isinstance(face, Topology) else face.topology
+        facts = {
             "face": topology.name if isinstance(face, Topology) else face.name,
             "licence": "" if isinstance(face, Topology) else face.licence,
             "expression_names": list(names[0]),
             "blendshape_names": list(names[1]),
-            "topology": topology_document,
             "facewright": __version__,
         }
-        try:
-            objects.put_all(parts)
-            for group in GROUPS:
-                objects.put(f"{group}/zarr.json", group_document())
-            made = objects.create(ROOT, group_document(content))
-        except BaseException:
-            _remove_quietly(objects, f"topology/{topology_document['token']}")
-            raise
-        if not made:
-            _remove_quietly(objects, f"topology/{topology_document['token']}")
-            return cls._existing(url, topology, names[1], exist_ok)
-        return cls(objects, content, "a")
+        there = objects.get([ROOT])[0] is not None
+        document = None if there else make_root(objects, topology, facts)
+        return cls._existing(url, topology, names[1], exist_ok) if document is None else cls(objects, document, "a")
 
     @classmethod
     def _existing(
@@ -156,12 +137,11 @@ class Warehouse:
         FileFormatError
             If what is there is foreign, damaged or of another version.
         """
+        from facewright.warehouse.root_document import read_root
+
         check_choice("mode", mode, ("r", "a"))
         objects = open_objects(url)
-        (found,) = objects.get([ROOT])
-        if found is None:
-            raise _no_store(objects)
-        return cls(objects, _checked_document(objects.url, found), mode)
+        return cls(objects, read_root(objects), mode)
 
     # --- what it is of -----------------------------------------------------------------------------------------------
 
@@ -400,36 +380,18 @@ class Warehouse:
         kind : str
             Kind of failure, such as the error's class.
         """
+        from facewright.warehouse.failures import write_failure
+
         self._check_writable()
-        token = self._token(name)
-        content = {"name": name, "kind": kind, "reason": " ".join(reason.split()), "beside": token}
-        self._objects.put(f"{failure_folder(name)}/zarr.json", group_document(content))
+        write_failure(self._objects, name, reason, kind)
 
     def failures(self) -> dict[str, Failure]:
         """Return recorded failures by subject, sorted by name."""
-        from facewright.warehouse.entry import Failure
+        from facewright.warehouse.failures import read_failures
 
-        folders = [n for n in self._objects.names_in("failures") if n not in _RESERVED]
-        found = {}
-        for document in self._objects.get([f"failures/{folder}/zarr.json" for folder in folders]):
-            if document is None:
-                continue
-            content = group_content(document, f"{self.url}: failure")
-            name = str(content.get("name", ""))
-            # A writer that was killed between its commit and the clean-up leaves a failure that no longer holds.
-            if self._token(name) == content.get("beside"):
-                found[name] = Failure(name, str(content.get("kind", "")), str(content.get("reason", "")))
-        return dict(sorted(found.items()))
+        return read_failures(self._objects)
 
     # -----------------------------------------------------------------------------------------------------------------
-
-    def _token(self, name: str) -> str | None:
-        try:
-            check_name(name)
-        except ValueRangeError:
-            return None
-        document = self._objects.get([subject_key(name)])[0]
-        return None if document is None else str(group_content(document, subject_key(name)).get("token"))
 
     def _read_entries(self, names: list[str]) -> list[SubjectEntry]:
         from facewright.warehouse.entry import entry_from_content
@@ -458,54 +420,3 @@ class Warehouse:
     def _check_writable(self) -> None:
         if self.mode != "a":
             raise StoreError(f"{self.url} is open for reading only; open it with mode 'a'.")
-
-
-def _check_place(objects: Objects) -> None:
-    """Refuse a place that holds something else; what a killed `create` left is no hindrance."""
-    foreign = [name for name in objects.names_in("") if name not in GROUPS]
-    if foreign:
-        raise StoreError(
-            f"{objects.url} must be a new or empty place for a database, got one with {foreign[0]!r} in it."
-        )
-
-
-def _remove_quietly(objects: Objects, key: str) -> None:
-    from contextlib import suppress
-
-    with suppress(StoreError):
-        objects.delete(key)
-
-
-def _no_store(objects: Objects) -> StoreError | FileFormatError:
-    names = objects.names_in("")
-    if any(name in names for name in (".zgroup", ".zarray")) or objects.get([".zgroup"])[0] is not None:
-        return FileFormatError(f"{objects.url} must be a facewright database (Zarr version 3), got Zarr version 2.")
-    if names:
-        return FileFormatError(f"{objects.url} must be a facewright database, got something else: no {ROOT} in it.")
-    return StoreError(f"{objects.url} must be a facewright database, got nothing there; facewright build makes one.")
-
-
-def _checked_document(url: str, document: bytes) -> dict[str, Any]:
-    """Return the root document's content; foreign and other versions are told apart."""
-    import json
-
-    try:
-        whole = json.loads(document)
-        node = whole["node_type"] if isinstance(whole, dict) else None
-        content = whole.get("attributes", {}).get("facewright")
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FileFormatError(f"{url} must be a facewright database, got a damaged {ROOT}.") from error
-    if not isinstance(content, dict) or content.get("kind") != KIND:
-        raise FileFormatError(f"{url} must be a facewright database, got another Zarr {node}.")
-    version = content.get("version")
-    if version != VERSION:
-        newer = isinstance(version, int) and version > VERSION
-        raise FileFormatError(
-            f"{url} is a database of version {version}, this facewright reads version {VERSION}; "
-            + ("upgrade facewright." if newer else "build it again.")
-        )
-    needed = ("face", "expression_names", "blendshape_names", "topology")
-    missing = [key for key in needed if key not in content]
-    if missing or not isinstance(content["topology"], dict) or "n_vertices" not in content["topology"]:
-        raise FileFormatError(f"{url} is damaged: its {ROOT} says nothing of {(missing or ['the topology'])[0]}.")
-    return content
