@@ -18,6 +18,7 @@ from facewright.errors import FacewrightError
 
 EXIT_USER = 2
 EXIT_BUG = 1
+EXIT_INCOMPLETE = 3  # the command did its work, but not for everything it was given
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from facewright import __version__
-from facewright.cli import demo, evaluate, export, faces, fit, info, model, simulate
+from facewright.cli import build, demo, evaluate, export, faces, fit, info, model, simulate
 from facewright.cli.console import EXIT_INTERRUPTED, FacewrightGroup
 
 app = typer.Typer(
@@ -41,6 +41,7 @@ def root(
 app.command("demo")(demo.demo)
 app.add_typer(faces.app, name="faces")
 app.add_typer(model.app, name="model")
+app.command("build")(build.build)
 app.command("fit")(fit.fit)
 app.command("export")(export.export)
 app.add_typer(simulate.app, name="simulate")

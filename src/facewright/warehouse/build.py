@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from facewright.errors import FacewrightError, StoreError
+from facewright.errors import (
+    FacewrightError,
+    MissingExtraError,
+    MissingFaceError,
+    StoreError,
+    TopologyError,
+    ValueRangeError,
+)
 from facewright.warehouse.dask_cluster import Call, Cluster, Finished
+from facewright.warehouse.subject import check_name
 
 if TYPE_CHECKING:
     from facewright.capture.captures import SubjectCapture
@@ -89,10 +99,10 @@ class BuildReport:
 
 
 class _Written(NamedTuple):
-    """What a task sends back: how it ended, and an error of the store, which ends the build."""
+    """What a task sends back: how it ended, or what ends the whole build."""
 
     outcome: SubjectOutcome
-    store_error: str = ""
+    fatal: FacewrightError | None = None
 
 
 def build_warehouse(
@@ -142,6 +152,8 @@ def build_warehouse(
     ------
     StoreError
         If the database cannot be written (full disk, no permission): nothing is lost, run it again when it can.
+    MissingExtraError, MissingFaceError
+        If what `process` needs is not installed.
     FacewrightError
         If the cluster is lost.
     """
@@ -150,62 +162,67 @@ def build_warehouse(
     start = time.perf_counter()
     wanted = [capture for capture in captures if capture.name not in skip]
     tally = _Tally(warehouse, len(wanted), start, on_step)
-    there = set(warehouse.subject_names())
-    for capture in wanted:
-        if capture.name in there:
-            tally.count(SubjectOutcome(capture.name, ALREADY))
-    todo = [capture for capture in wanted if capture.name not in there]
     inner = progress if cluster.in_process else None
-    calls = _calls(todo, warehouse.url, options, process, inner, tally)
+    calls = _calls(warehouse, wanted, options, process, inner, tally)
     for finished in cluster.run(_build_subject, calls, retries=retries):
         written = _written(finished, retries)
-        if written.store_error:
-            raise StoreError(written.store_error)
+        if written.fatal is not None:
+            raise written.fatal
         tally.count(written.outcome)
     return tally.report()
 
 
 def _calls(
-    captures: Sequence[SubjectCapture], url: str, options: Any, process: Any, progress: Any, tally: _Tally
+    warehouse: Warehouse, captures: Sequence[SubjectCapture], options: Any, process: Any, progress: Any, tally: _Tally
 ) -> Iterator[Call]:
+    """Yield the tasks; what needs none is counted on the way."""
     for capture in captures:
-        if capture.problems:
-            tally.count(SubjectOutcome(capture.name, FAILED, " ".join(capture.problems), "CaptureProblem"))
+        problems = _problems(capture)
+        if capture.name in warehouse:
+            tally.count(SubjectOutcome(capture.name, ALREADY))
+        elif problems:
+            tally.count(SubjectOutcome(capture.name, FAILED, problems, "CaptureProblem"))
         else:
-            yield capture.name, (url, capture, options, process, progress)
+            yield capture.name, (warehouse, capture, options, process, progress)
 
 
-def _build_subject(url: str, capture: SubjectCapture, options: Any, process: Process, progress: Any) -> _Written:
-    """Process one subject and write it; the task. Raises what another attempt may mend."""
-    from facewright.warehouse.store import Warehouse
-
-    start = time.perf_counter()
+def _problems(capture: SubjectCapture) -> str:
     try:
-        warehouse = Warehouse.open(url, mode="a")
-        if _is_there(warehouse, capture.name):  # another build, or an attempt whose worker died after the commit
-            return _Written(SubjectOutcome(capture.name, ALREADY))
-    except StoreError as error:
-        return _Written(SubjectOutcome(capture.name, FAILED), str(error))
+        check_name(capture.name)
+    except ValueRangeError as error:
+        return str(error)
+    return " ".join(capture.problems)
+
+
+def _build_subject(
+    warehouse: Warehouse, capture: SubjectCapture, options: Any, process: Process, progress: Any
+) -> _Written:
+    """Process one subject and write it; the task. Raises what another attempt may mend."""
+    start = time.perf_counter()
+
+    def ended(status: str, error: Exception | None = None) -> SubjectOutcome:
+        reason, kind = ("", "") if error is None else (str(error), type(error).__name__)
+        return SubjectOutcome(capture.name, status, reason, kind, time.perf_counter() - start)
+
+    if capture.name in warehouse:  # by another build, or by an attempt whose worker died after its commit
+        return _Written(ended(ALREADY))
     try:
         subject = process(capture, options, progress)
-    except StoreError:
+    except (MissingExtraError, MissingFaceError) as error:  # every subject would fail alike
+        return _Written(ended(FAILED, error), error)
+    except StoreError:  # a recording that could not be read, perhaps for the moment
         raise
     except FacewrightError as error:
-        seconds = time.perf_counter() - start
-        return _Written(SubjectOutcome(capture.name, FAILED, str(error), type(error).__name__, seconds))
+        return _Written(ended(FAILED, error))
     try:
         warehouse.write_subject(subject)
+    except StoreError as error:
+        return _Written(ended(ALREADY)) if capture.name in warehouse else _Written(ended(FAILED, error), error)
+    except TopologyError as error:
+        return _Written(ended(FAILED, error), error)
     except FacewrightError as error:
-        if _is_there(warehouse, capture.name):
-            return _Written(SubjectOutcome(capture.name, ALREADY))
-        if isinstance(error, StoreError):
-            return _Written(SubjectOutcome(capture.name, FAILED), str(error))
-        return _Written(SubjectOutcome(capture.name, FAILED, str(error), type(error).__name__))
-    return _Written(SubjectOutcome(capture.name, BUILT, seconds=time.perf_counter() - start))
-
-
-def _is_there(warehouse: Warehouse, name: str) -> bool:
-    return name in warehouse.subject_names()
+        return _Written(ended(FAILED, error))
+    return _Written(ended(BUILT))
 
 
 def _written(finished: Finished, retries: int) -> _Written:
@@ -226,7 +243,9 @@ def _written(finished: Finished, retries: int) -> _Written:
         where = f"{error.filename}: " if error.filename else ""
         reason = f"{where}{error.strerror or error} (tried {attempts})."
     else:
-        reason = f"This is a mistake in facewright ({kind}: {error}); run with FACEWRIGHT_DEBUG=1 to report it."
+        place = traceback.extract_tb(error.__traceback__)[-1:]
+        where = f" at {Path(place[0].filename).name}:{place[0].lineno}" if place else ""
+        reason = f"This is a mistake in facewright ({kind}{where}: {error})."
     return _Written(SubjectOutcome(name, FAILED, " ".join(reason.split()), kind))
 
 
@@ -241,7 +260,9 @@ class _Tally:
         self.worked = 0
 
     def count(self, outcome: SubjectOutcome) -> None:
-        if outcome.status == FAILED and not _is_there(self.warehouse, outcome.name):
+        if outcome.status == FAILED and outcome.name in self.warehouse:  # another build had more luck
+            outcome = replace(outcome, status=ALREADY, reason="", kind="")
+        if outcome.status == FAILED:
             self.warehouse.record_failure(outcome.name, outcome.reason, outcome.kind)
         self.outcomes.append(outcome)
         self.worked += outcome.status != ALREADY
@@ -256,5 +277,6 @@ class _Tally:
         def names(status: str) -> tuple[str, ...]:
             return tuple(sorted(item.name for item in self.outcomes if item.status == status))
 
-        failed = {item.name: item for item in self.outcomes if item.status == FAILED}
-        return BuildReport(names(BUILT), names(ALREADY), dict(sorted(failed.items())), time.perf_counter() - self.start)
+        failures = {item.name: item for item in self.outcomes if item.status == FAILED}
+        seconds = time.perf_counter() - self.start
+        return BuildReport(names(BUILT), names(ALREADY), dict(sorted(failures.items())), seconds)

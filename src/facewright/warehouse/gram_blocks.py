@@ -33,8 +33,8 @@ class BlockedTensor:
     cluster : Cluster
         Where the tasks run, see `open_cluster`.
     block_mb : float
-        Size of a block in single precision, about; blocks are whole chunks of the store (`block_vertices` of the tensor)
-        unless one chunk is over twice that size.
+        Size of a block in single precision, about; blocks are whole chunks of the store (`block_vertices` of the
+        tensor) unless one chunk is over twice that size.
     retries : int
         Further attempts at a block that could not be read.
     """
@@ -96,11 +96,9 @@ class BlockedTensor:
         calls: Iterator[Call] = (
             (f"block-{index}", (self.tensor, start, stop, *arguments)) for index, (start, stop) in enumerate(blocks)
         )
-        done = 0
-        for finished in self.cluster.run(function, calls, retries=self.retries):
+        for done, finished in enumerate(self.cluster.run(function, calls, retries=self.retries), start=1):
             if finished.error is not None:
                 raise self._failure(finished.error, finished.worker_died) from finished.error
-            done += 1
             if progress is not None:
                 progress(stage, done, len(blocks))
             yield int(finished.label.rpartition("-")[2]), finished.value
