@@ -44,8 +44,8 @@ class Warehouse:
     """
 
     def __init__(self, objects: Objects, document: dict[str, Any], mode: str) -> None:
-        self._objects = objects
-        self._document = document
+        self.objects = objects
+        self.document = document
         self.mode = mode
 
     # --- making and opening ------------------------------------------------------------------------------------------
@@ -148,44 +148,44 @@ class Warehouse:
     @property
     def url(self) -> str:
         """Where it lies."""
-        return self._objects.url
+        return self.objects.url
 
     @property
     def version(self) -> int:
         """Version of the store's layout."""
-        return int(self._document["version"])
+        return int(self.document["version"])
 
     @property
     def face_name(self) -> str:
         """Name of the face whose topology it is of."""
-        return str(self._document["face"])
+        return str(self.document["face"])
 
     @property
     def licence(self) -> str:
         """Licence and attribution of the face's geometry."""
-        return str(self._document.get("licence", ""))
+        return str(self.document.get("licence", ""))
 
     @property
     def expression_names(self) -> tuple[str, ...]:
         """Expressions that subjects are asked for, the neutral first; a subject may have others."""
-        return tuple(self._document["expression_names"])
+        return tuple(self.document["expression_names"])
 
     @property
     def blendshape_names(self) -> tuple[str, ...]:
         """Names of the 47 rows of blendshapes: ``"neutral"`` and the 46."""
-        return ("neutral", *self._document["blendshape_names"])
+        return ("neutral", *self.document["blendshape_names"])
 
     @property
     def n_vertices(self) -> int:
         """Number of vertices V of every mesh."""
-        return int(self._document["topology"]["n_vertices"])
+        return int(self.document["topology"]["n_vertices"])
 
     @cached_property
     def topology(self) -> Topology:
         """The topology, read from the store."""
         from facewright.warehouse.topology_arrays import read_topology
 
-        return read_topology(self._objects, self._document["topology"])
+        return read_topology(self.objects, self.document["topology"])
 
     # --- subjects ----------------------------------------------------------------------------------------------------
 
@@ -211,7 +211,7 @@ class Warehouse:
         from facewright.warehouse.query import check_known, conditions_of
 
         conditions = conditions_of(where, **attributes)
-        entries = self._read_entries([n for n in self._objects.names_in("subjects") if n not in _RESERVED])
+        entries = self._read_entries([n for n in self.objects.names_in("subjects") if n not in _RESERVED])
         if not conditions or not entries:
             return entries
         check_known(conditions, (entry.attributes for entry in entries))
@@ -234,7 +234,7 @@ class Warehouse:
         return found[0]
 
     def __contains__(self, name: str) -> bool:
-        return self._objects.get([subject_key(name)])[0] is not None
+        return self.objects.get([subject_key(name)])[0] is not None
 
     def read_subject(self, name: str, fields: Iterable[str] | None = None) -> Subject:
         """Read a subject, checking every array against its checksum.
@@ -258,7 +258,7 @@ class Warehouse:
         entry = self.entry(name)
         while True:
             try:
-                arrays = {key: self._read_field(entry, key) for key in entry.arrays if key in wanted}
+                arrays = {key: self.read_field(entry, key) for key in entry.arrays if key in wanted}
                 break
             except FileFormatError:
                 entry, before = self.entry(name), entry
@@ -276,7 +276,7 @@ class Warehouse:
         """Read one array of a subject, such as ``"blendshapes"``; None where the subject has none."""
         check_choice("field", field, FIELDS)
         entry = self.entry(name)
-        return self._read_field(entry, field) if field in entry.arrays else None
+        return self.read_field(entry, field) if field in entry.arrays else None
 
     def write_subject(self, subject: Subject, overwrite: bool = False) -> SubjectEntry:
         """Write a subject, whole or not at all, and forget its recorded failure.
@@ -301,21 +301,21 @@ class Warehouse:
                     f"{field} of subject {subject.name!r} must have the {self.n_vertices} vertices of "
                     f"{self.face_name!r}, got {array.shape[1]}."
                 )
-        entry = commit_subject(self._objects, subject, overwrite=overwrite)
-        self._objects.delete(failure_folder(subject.name))
+        entry = commit_subject(self.objects, subject, overwrite=overwrite)
+        self.objects.delete(failure_folder(subject.name))
         return entry
 
     def remove_subject(self, name: str) -> None:
         """Remove a subject with all its arrays and labels; a recorded failure of that name goes, too."""
         self._check_writable()
         entry_exists = name in self
-        if not entry_exists and failure_folder(name).rpartition("/")[2] not in self._objects.names_in("failures"):
+        if not entry_exists and failure_folder(name).rpartition("/")[2] not in self.objects.names_in("failures"):
             raise StoreError(f"{self.url} has no subject {name!r}; see facewright warehouse ls.")
         if entry_exists:
-            self._objects.delete(subject_key(name))  # from here on it is gone
-            self._objects.delete(f"subjects/{name}")
-            self._objects.delete(f"labels/{name}")
-        self._objects.delete(failure_folder(name))
+            self.objects.delete(subject_key(name))  # from here on it is gone
+            self.objects.delete(f"subjects/{name}")
+            self.objects.delete(f"labels/{name}")
+        self.objects.delete(failure_folder(name))
 
     def set_labels(self, name: str, **attributes: Value | None) -> dict[str, Any]:
         """Set attributes of a subject; they win over those it was written with, also when it is written again.
@@ -335,7 +335,7 @@ class Warehouse:
         entry = self.entry(name)
         checked: dict[str, Any] = checked_attributes({k: v for k, v in attributes.items() if v is not None})
         labels = {**entry.labels, **checked, **{key: None for key, value in attributes.items() if value is None}}
-        self._objects.put(label_key(name), group_document({"labels": labels}))
+        self.objects.put(label_key(name), group_document({"labels": labels}))
         return replace(entry, labels=labels).attributes
 
     def digest(self, name: str) -> str:
@@ -364,7 +364,7 @@ class Warehouse:
         if missing or not entries:
             whom = f"for {', '.join(sorted(missing)[:5])}" if missing else "for any subject"
             raise StoreError(f"{self.url} has no blendshapes {whom}; see facewright warehouse ls.")
-        return BlendshapeTensor(self._objects, entries)
+        return BlendshapeTensor(self.objects, entries)
 
     # --- failures ----------------------------------------------------------------------------------------------------
 
@@ -383,22 +383,22 @@ class Warehouse:
         from facewright.warehouse.failures import write_failure
 
         self._check_writable()
-        write_failure(self._objects, name, reason, kind)
+        write_failure(self.objects, name, reason, kind)
 
     def failures(self) -> dict[str, Failure]:
         """Return recorded failures by subject, sorted by name."""
         from facewright.warehouse.failures import read_failures
 
-        return read_failures(self._objects)
+        return read_failures(self.objects)
 
     # -----------------------------------------------------------------------------------------------------------------
 
     def _read_entries(self, names: list[str]) -> list[SubjectEntry]:
         from facewright.warehouse.entry import entry_from_content
 
-        documents = self._objects.get([subject_key(name) for name in names])
-        labelled = set(self._objects.names_in("labels")) & set(names)
-        labels = dict(zip(sorted(labelled), self._objects.get([label_key(name) for name in sorted(labelled)])))
+        documents = self.objects.get([subject_key(name) for name in names])
+        labelled = set(self.objects.names_in("labels")) & set(names)
+        labels = dict(zip(sorted(labelled), self.objects.get([label_key(name) for name in sorted(labelled)])))
         entries = []
         for name, document in zip(names, documents):
             if document is None:
@@ -411,11 +411,12 @@ class Warehouse:
             entries.append(entry_from_content(name, content, set_later if isinstance(set_later, dict) else {}, where))
         return entries
 
-    def _read_field(self, entry: SubjectEntry, field: str) -> NDArray[Any]:
+    def read_field(self, entry: SubjectEntry, field: str) -> NDArray[Any]:
+        """Read one of the arrays that `entry` tells of, and check it."""
         from facewright.warehouse.arrays import read_array
 
         where = f"{self.url}: {field} of subject {entry.name!r}"
-        return read_array(self._objects, f"{entry.folder}/{field}", entry.arrays[field], where)
+        return read_array(self.objects, f"{entry.folder}/{field}", entry.arrays[field], where)
 
     def _check_writable(self) -> None:
         if self.mode != "a":
