@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics
+from facewright.capture.lens import LensTable, undistort
 from facewright.capture.tum import natural_key
 from facewright.errors import FileFormatError
 from facewright.io.ply import PlyList, read_ply_elements
@@ -23,7 +24,8 @@ class TrueDepthSource:
 
     The colours are sRGB in [0, 1], the depths metres (9999 for none). The intrinsic matrix is stored column after
     column, for a reference picture (3088 x 2316) that covers the same view as the depth: it is scaled by the ratio of
-    the widths. A phone held upright records heads that lie on their side: see `quarter_turns` of `open_recording`.
+    the widths. Where the file has the lens's distortion tables, colour and depth are undistorted. A phone held upright
+    records heads that lie on their side: see `quarter_turns` of `open_recording` (3 makes them upright).
 
     Parameters
     ----------
@@ -48,13 +50,11 @@ class TrueDepthSource:
 
     def depth(self, i: int) -> NDArray[np.floating]:
         """Return depth in millimetres."""
-        _, _, metres = self._read(self._files[i])
-        return np.where(metres < _NO_DEPTH_METRES, metres, 0.0).astype(np.float32) * np.float32(1000.0)
+        return self._read(self._files[i])[2]
 
     def color(self, i: int) -> NDArray[np.uint8]:
         """Return colour."""
-        _, rgb, _ = self._read(self._files[i])
-        return np.rint(np.clip(np.nan_to_num(rgb), 0.0, 1.0) * 255.0).astype(np.uint8)
+        return self._read(self._files[i])[1]
 
     def intrinsics(self, i: int) -> Intrinsics:
         """Return the camera of frame `i`."""
@@ -74,8 +74,8 @@ class TrueDepthSource:
         return float(value) if isinstance(value, int | float) else float(i)
 
 
-def _read_frame(path: Path) -> tuple[dict[str, Any], NDArray[np.floating], NDArray[np.floating]]:
-    """Return the header, colour (H, W, 3) in [0, 1] and depth (H, W) in metres of a frame."""
+def _read_frame(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the header, colour (H, W, 3) and depth (H, W) in mm of a frame, undistorted; 0 for no depth."""
     elements = read_ply_elements(path)
     try:
         text = _values(elements["metadata"]["char"]).astype(np.uint8).tobytes().rstrip(b"\0 \n")
@@ -90,11 +90,28 @@ def _read_frame(path: Path) -> tuple[dict[str, Any], NDArray[np.floating], NDArr
         height, width = int(header["height"]), int(header["width"])
     except (ValueError, KeyError, TypeError) as error:
         raise FileFormatError(f"{path} must hold JSON with width and height in its metadata, got {error!r}.") from error
-    if height < 1 or width < 1 or len(metres) != height * width or len(rgb) != height * width:
+    if height < 2 or width < 2 or len(metres) != height * width or len(rgb) != height * width:
         raise FileFormatError(
             f"{path} must hold {width} x {height} colours and depths, got {len(rgb)} and {len(metres)}."
         )
-    return header, rgb.reshape(height, width, 3), metres.reshape(height, width)
+    color = np.rint(np.clip(np.nan_to_num(rgb), 0.0, 1.0) * np.float32(255.0)).astype(np.uint8)
+    seen = np.isfinite(metres) & (metres > 0) & (metres < _NO_DEPTH_METRES)
+    depth = np.where(seen, metres, 0.0).astype(np.float32) * np.float32(1000.0)
+    color, depth = color.reshape(height, width, 3), depth.reshape(height, width)
+    lens = _lens(path, header, width)
+    return (header, color, depth) if lens is None else (header, *undistort(color, depth, lens))
+
+
+def _lens(path: Path, header: dict[str, Any], width: int) -> LensTable | None:
+    camera = header.get("camera_intrinsics")
+    if not isinstance(camera, dict) or not camera.get("inverse_lens_distortion_lookup_table"):
+        return None
+    try:
+        scale = width / float(camera["intrinsic_matrix_reference_dimensions_width"])
+        centre = (camera["lens_distortion_center_x"] * scale, camera["lens_distortion_center_y"] * scale)
+        return LensTable(centre, np.array(camera["inverse_lens_distortion_lookup_table"], dtype=np.float64))
+    except (ValueError, KeyError, TypeError, ZeroDivisionError) as error:
+        raise FileFormatError(f"{path} must state its lens distortion whole, got {error!r}.") from error
 
 
 def _values(column: NDArray[Any] | PlyList) -> NDArray[Any]:

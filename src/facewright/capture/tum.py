@@ -17,6 +17,8 @@ from facewright.io.frame_image import decode_color, decode_depth, read_bytes
 
 #: Colour and depth belong together if they were taken within this time, seconds (as TUM's associate.py).
 MAX_APART = 0.02
+#: The camera's file: our own, and those that Open3D's recorders write.
+CAMERA_FILES = ("camera.json", "camera_intrinsic.json", "intrinsic.json")
 _COLOR_FOLDERS = ("rgb", "color", "image")
 _PAIR_LISTS = ("associations.txt", "associate.txt", "associated.txt")
 _PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"}
@@ -194,9 +196,8 @@ def _inside(folder: Path, name: str) -> Path:
 
 def _read_camera(folder: Path) -> tuple[Intrinsics | None, tuple[int, int] | None, float | None]:
     """Return the camera, (height, width) and depth_per_metre that the folder states; None for what it does not."""
-    own, open3d = folder / "camera.json", folder / "camera_intrinsic.json"
-    file = own if own.is_file() else open3d
-    if not file.is_file():
+    file = next((folder / name for name in CAMERA_FILES if (folder / name).is_file()), None)
+    if file is None:
         return None, None, None
     try:
         values = json.loads(read_bytes(file))
@@ -206,7 +207,8 @@ def _read_camera(folder: Path) -> tuple[Intrinsics | None, tuple[int, int] | Non
         else:
             k = Intrinsics(*(float(values[key]) for key in ("fx", "fy", "cx", "cy")))
         size = (int(values["height"]), int(values["width"]))
-        per_metre = float(values["depth_per_metre"]) if "depth_per_metre" in values else None
+        stated = values.get("depth_per_metre", values.get("depth_scale"))
+        per_metre = None if stated is None else float(stated)
         if per_metre is not None and not 0 < per_metre < np.inf:
             raise ValueRangeError(f"depth_per_metre must be positive, got {per_metre}.")
     except (ValueError, KeyError, TypeError, IndexError) as error:
