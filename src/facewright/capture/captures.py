@@ -14,6 +14,7 @@ from facewright.faces.expressions import EXPRESSION_NAMES
 
 _SIDECAR = re.compile(r"landmarks-(\d+)\.(json|pts|ljson)", re.IGNORECASE)
 _ATTRIBUTES = "subject.json"
+_MAX_NAMED = 6
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,8 @@ def find_sidecar(recording: str | Path) -> tuple[int, Path] | None:
     Returns
     -------
     (int, Path) or None
-        Number of the reference frame, counted from 0, and the file.
+        Number of the reference frame, counted from 0, and the file. Its points are pixels of the frames as
+        `open_recording` gives them, turned as ``camera.json`` says.
 
     Raises
     ------
@@ -167,7 +169,8 @@ def _read_subject(path: Path) -> SubjectCapture:
         problems.append(f"{path} must have a recording of the neutral expression, got {', '.join(recordings)}.")
     missing = [name for name in EXPRESSION_NAMES if name not in found]
     if found and missing and missing != ["neutral"]:
-        warnings.append(f"{path} lacks {len(missing)} of {len(EXPRESSION_NAMES)} expressions: {', '.join(missing)}.")
+        names = f": {', '.join(missing)}" if len(missing) <= _MAX_NAMED else ""
+        warnings.append(f"{path} lacks {len(missing)} of {len(EXPRESSION_NAMES)} expressions{names}.")
     return SubjectCapture(path.name, path, attributes, recordings, tuple(problems), tuple(warnings))
 
 

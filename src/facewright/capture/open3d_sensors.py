@@ -67,7 +67,7 @@ class SpooledSource:
         self._camera, self._to_mm = intrinsics, np.float32(1000.0 / counts_per_metre)
         self._times: list[float] = []
         self._size = (0, 0)
-        self._file = tempfile.TemporaryFile(prefix="facewright-")
+        self._file = tempfile.TemporaryFile(prefix="facewright-")  # noqa: SIM115  closed with the source
         try:
             for frame in frames:
                 self._append(frame, path)

@@ -61,7 +61,7 @@ class Record3DSource:
         self._numbers = [k for k in numbers if f"rgbd/{k}.jpg" in self._names]
         self.n_frames = len(self._numbers)
         alone = len(numbers) - self.n_frames
-        self.warnings = (
+        self.warnings: tuple[str, ...] = (
             (f"{alone} of {len(numbers)} depth pictures of {path} have no colour and are left out.",) if alone else ()
         )
         if numbers and not self.n_frames:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics
+from facewright.capture.camera_file import camera_path, read_camera_file
 from facewright.capture.depth_units import depth_factor
 from facewright.capture.frame import RGBDFrame
 from facewright.capture.quarter_turns import check_quarter_turns, turn_intrinsics, turn_picture, turn_size
@@ -137,7 +138,7 @@ def open_recording(
     path: str | Path,
     *,
     intrinsics: Intrinsics | None = None,
-    quarter_turns: int = 0,
+    quarter_turns: int | None = None,
     depth_per_metre: float | None = None,
 ) -> Recording:
     """Open a recording of a depth camera; its kind is told from its name and contents.
@@ -149,8 +150,9 @@ def open_recording(
         Cyborg TrueDepth ``.ply`` frames, or a Record3D ``.r3d``, RealSense ``.bag`` or Azure Kinect ``.mkv`` file.
     intrinsics : Intrinsics, optional
         Camera of the depth pictures as stored (before turning); wins over what the recording says.
-    quarter_turns : int
-        Turn every frame counter-clockwise by so many quarter turns: for heads that lie on their side.
+    quarter_turns : int, optional
+        Turn every frame counter-clockwise by so many quarter turns, for heads that lie on their side; by default what
+        the recording's ``camera.json`` says, else 0.
     depth_per_metre : float, optional
         Numbers per metre of stored depth pictures, for TUM folders that do not say it.
 
@@ -168,9 +170,11 @@ def open_recording(
     MissingExtraError
         If its kind needs a package that is not installed.
     """
-    check_quarter_turns(quarter_turns)
     path = Path(path)
     source = _open_source(path, depth_per_metre)
+    camera = read_camera_file(path)
+    turns = check_quarter_turns((camera.quarter_turns or 0) if quarter_turns is None else quarter_turns)
+    intrinsics = intrinsics or camera.intrinsics
     if source.n_frames < 1:
         raise FileFormatError(f"{path} must hold at least one frame, got none.")
     sampled = sorted({0, source.n_frames // 2, source.n_frames - 1})[:_N_SAMPLED]
@@ -182,18 +186,18 @@ def open_recording(
     first = intrinsics or source.intrinsics(0)
     if first is None:
         raise FileFormatError(
-            f"{path} must say its camera's intrinsics in camera.json (width, height, fx, fy, cx, cy), got none: "
-            "add the file or give them."
+            f"{path} must say its camera's intrinsics, got none: add {camera_path(path)} with width, height, fx, fy, "
+            "cx, cy (pixels of the depth pictures)."
         )
     _check_intrinsics(first, size, path)
     return Recording(
         path=path,
         kind=source.kind,
         n_frames=source.n_frames,
-        size=turn_size(size, quarter_turns),
-        intrinsics=turn_intrinsics(first, size, quarter_turns),
+        size=turn_size(size, turns),
+        intrinsics=turn_intrinsics(first, size, turns),
         warnings=source.warnings + ((sentence,) if sentence else ()),
-        quarter_turns=quarter_turns,
+        quarter_turns=turns,
         _source=source,
         _factor=factor,
         _intrinsics_given=intrinsics,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -11,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics
+from facewright.capture.camera_file import read_camera_file
 from facewright.capture.depth_units import guess_counts_per_metre
 from facewright.errors import FileFormatError, StoreError, ValueRangeError
 from facewright.io.frame_image import decode_color, decode_depth, read_bytes
 
 #: Colour and depth belong together if they were taken within this time, seconds (as TUM's associate.py).
 MAX_APART = 0.02
-#: The camera's file: our own, and those that Open3D's recorders write.
-CAMERA_FILES = ("camera.json", "camera_intrinsic.json", "intrinsic.json")
 _COLOR_FOLDERS = ("rgb", "color", "image")
 _PAIR_LISTS = ("associations.txt", "associate.txt", "associated.txt")
 _PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"}
@@ -52,9 +50,10 @@ class TumSource:
         self._folder = folder
         self._times, self._colors, self._depths, left_out = _frame_files(folder)
         self.n_frames = len(self._times)
-        self._intrinsics, self._size, stated = _read_camera(folder)
+        camera = read_camera_file(folder)
+        self._intrinsics, self._size = camera.intrinsics, camera.size
         notes = [left_out] if left_out else []
-        self._per_metre = depth_per_metre or stated or 0.0
+        self._per_metre = depth_per_metre or camera.depth_per_metre or 0.0
         if not self._per_metre:
             self._per_metre = guess_counts_per_metre(self._counts(self.n_frames // 2))
             notes.append(f"{folder} does not say its depth_per_metre: {self._per_metre:g} was taken.")
@@ -192,27 +191,3 @@ def _inside(folder: Path, name: str) -> Path:
     if relative.is_absolute() or ".." in relative.parts:
         raise FileFormatError(f"{folder} must list files inside it, got {name!r}.")
     return folder / relative
-
-
-def _read_camera(folder: Path) -> tuple[Intrinsics | None, tuple[int, int] | None, float | None]:
-    """Return the camera, (height, width) and depth_per_metre that the folder states; None for what it does not."""
-    file = next((folder / name for name in CAMERA_FILES if (folder / name).is_file()), None)
-    if file is None:
-        return None, None, None
-    try:
-        values = json.loads(read_bytes(file))
-        if "intrinsic_matrix" in values:  # Open3D writes the columns one after the other
-            m = values["intrinsic_matrix"]
-            k = Intrinsics(float(m[0]), float(m[4]), float(m[6]), float(m[7]))
-        else:
-            k = Intrinsics(*(float(values[key]) for key in ("fx", "fy", "cx", "cy")))
-        size = (int(values["height"]), int(values["width"]))
-        stated = values.get("depth_per_metre", values.get("depth_scale"))
-        per_metre = None if stated is None else float(stated)
-        if per_metre is not None and not 0 < per_metre < np.inf:
-            raise ValueRangeError(f"depth_per_metre must be positive, got {per_metre}.")
-    except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise FileFormatError(
-            f"{file} must be JSON with width, height, fx, fy, cx, cy (pixels) and depth_per_metre, got {error!r}."
-        ) from error
-    return k, size, per_metre
