@@ -26,7 +26,7 @@ _FACE_MM = (250.0, 1250.0)
 _MIN_LEVELS = 16
 
 
-def nearest_depth(depths: Sequence[NDArray[np.generic]]) -> float:
+def nearest_depth(depths: Sequence[NDArray[np.floating | np.integer]]) -> float:
     """Return the distance of the nearest things in depth pictures: the 5th percentile of depths; 0 without depth."""
     near = [float(np.percentile(d[d > 0], 5)) for d in depths if (d > 0).any()]
     return float(np.median(near)) if near else 0.0
@@ -72,7 +72,7 @@ def depth_factor(depths: Sequence[NDArray[np.floating]], name: str) -> tuple[flo
     )
 
 
-def guess_counts_per_metre(counts: NDArray[np.generic]) -> float:
+def guess_counts_per_metre(counts: NDArray[np.floating | np.integer]) -> float:
     """Return how many counts of a depth picture that says nothing are one metre: 5000 (TUM), 1000 or 10000.
 
     The first of them that puts the nearest things where a face is recorded; 5000 where none does.
