@@ -15,7 +15,7 @@ from facewright.warehouse.dask_cluster import open_cluster
 pytest.importorskip("distributed")
 
 sys.path.insert(0, str(Path(__file__).parent))
-import jobs_for_workers as jobs  # noqa: E402  workers import it by this name
+import jobs_for_workers as jobs
 
 
 def run(cluster, function, arguments, **options):
@@ -127,9 +127,9 @@ def test_nonsense_is_refused(monkeypatch):
             pass
     monkeypatch.setattr(dask_cluster, "_CONNECT_SECONDS", 0.5)
     for address in ("tcp://127.0.0.1:1", "nonsense://x"):
-        with pytest.raises(FacewrightError, match="must be the address of a running Dask scheduler"):
-            with open_cluster(scheduler=address):
-                pass
+        wrong = pytest.raises(FacewrightError, match="must be the address of a running Dask scheduler")
+        with wrong, open_cluster(scheduler=address):
+            pass
 
 
 def test_without_dask_the_extra_is_named(monkeypatch):

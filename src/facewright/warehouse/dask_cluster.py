@@ -303,7 +303,14 @@ def _has_bokeh() -> bool:
 def _quiet() -> None:
     """Leave it to us what is told: Dask would print a traceback for each subject that fails."""
     if not os.environ.get("FACEWRIGHT_DEBUG"):
-        for name in ("distributed", "distributed.nanny", "distributed.scheduler", "distributed.core", "bokeh"):
+        for name in (
+            "distributed",
+            "distributed.client",
+            "distributed.nanny",
+            "distributed.scheduler",
+            "distributed.core",
+            "bokeh",
+        ):
             logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
