@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from facewright import __version__
-from facewright.cli import build, capture, demo, evaluate, export, faces, fit, info, model, simulate
+from facewright.cli import build, capture, demo, evaluate, export, faces, fit, info, model, simulate, warehouse
 from facewright.cli.console import EXIT_INTERRUPTED, FacewrightGroup
 
 app = typer.Typer(
@@ -46,6 +46,7 @@ app.command("fit")(fit.fit)
 app.command("export")(export.export)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(capture.app, name="capture")
+app.add_typer(warehouse.app, name="warehouse")
 app.command("evaluate")(evaluate.evaluate)
 app.command("info")(info.info)
 

@@ -105,9 +105,9 @@ def checked_attributes(attributes: Mapping[str, Any]) -> dict[str, Any]:
     checked = {}
     for name in sorted(attributes):
         value = json_value(f"attribute {name}", attributes[name])
-        if not isinstance(name, str) or re.fullmatch(KEY, name) is None:
+        if not isinstance(name, str) or re.fullmatch(KEY, name) is None or len(name) > 128:
             raise ValueRangeError(
-                f"attribute must be named by letters, digits, _, - and ., a letter first, got {name!r}."
+                f"attribute must have a name without < > = ! and without blanks at its ends, got {name!r}."
             )
         if not isinstance(value, str | int | float):
             raise ValueRangeError(f"attribute {name} must be text, a finite number, true or false, got {value!r}.")

@@ -22,7 +22,8 @@ OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
     "<": operator.lt,
     ">": operator.gt,
 }
-KEY = r"[^\W\d][\w.-]*"
+KEY = r"[^<>=!\s](?:[^<>=!\n\r\t]*[^<>=!\s])?"
+"""What can name an attribute: any text without the signs of a comparison."""
 _CONDITION = re.compile(rf"\s*({KEY})\s*({'|'.join(OPERATORS)})\s*(.*?)\s*", re.DOTALL)
 _AND = re.compile(r"""\s+and\s+(?=(?:[^"']|"[^"]*"|'[^']*')*$)""", re.IGNORECASE)
 

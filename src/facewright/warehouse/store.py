@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -317,7 +317,7 @@ class Warehouse:
             self.objects.delete(f"labels/{name}")
         self.objects.delete(failure_folder(name))
 
-    def set_labels(self, name: str, **attributes: Value | None) -> dict[str, Any]:
+    def set_labels(self, name: str, attributes: Mapping[str, Value | None]) -> dict[str, Any]:
         """Set attributes of a subject; they win over those it was written with, also when it is written again.
 
         None takes an attribute away. Arrays and `digest` stay as they are.
