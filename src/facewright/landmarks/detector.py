@@ -27,7 +27,9 @@ class LandmarkDetector(Protocol):
         ...
 
 
-def open_detector(task_file: str | Path | None = None, max_faces: int = 8) -> LandmarkDetector:
+def open_detector(
+    task_file: str | Path | None = None, max_faces: int = 8, *, thorough: bool = True
+) -> LandmarkDetector:
     """Return the default detector, MediaPipe.
 
     Parameters
@@ -37,6 +39,8 @@ def open_detector(task_file: str | Path | None = None, max_faces: int = 8) -> La
         built-in face mesh of MediaPipe 0.10.21 is used.
     max_faces : int
         At most so many faces are returned.
+    thorough : bool
+        Search small and cut faces as well; False is far faster where there is no face.
 
     Raises
     ------
@@ -47,4 +51,4 @@ def open_detector(task_file: str | Path | None = None, max_faces: int = 8) -> La
     """
     from facewright.landmarks.mediapipe_detector import MediaPipeDetector
 
-    return MediaPipeDetector(task_file=task_file, max_faces=max_faces)
+    return MediaPipeDetector(task_file=task_file, max_faces=max_faces, thorough=thorough)

@@ -49,6 +49,8 @@ class MediaPipeDetector:
         At most so many faces are returned.
     min_confidence : float
         Least detection confidence, 0 to 1.
+    thorough : bool
+        False looks at the whole picture and at what the finder proposes only: far faster where there is no face.
 
     Raises
     ------
@@ -58,7 +60,14 @@ class MediaPipeDetector:
         If the task file does not exist or is not one.
     """
 
-    def __init__(self, task_file: str | Path | None = None, max_faces: int = 8, min_confidence: float = 0.5) -> None:
+    def __init__(
+        self,
+        task_file: str | Path | None = None,
+        max_faces: int = 8,
+        min_confidence: float = 0.5,
+        *,
+        thorough: bool = True,
+    ) -> None:
         self._closers: list[Any] = []
         with _quiet_native_log():
             mediapipe = _import_mediapipe()
@@ -73,6 +82,7 @@ class MediaPipeDetector:
             if self._finder:
                 self._finder(blank)
         self.max_faces = max_faces
+        self.thorough = thorough
 
     def detect(self, image: NDArray[np.uint8]) -> list[Landmarks]:
         """Find all faces in a picture.
@@ -97,9 +107,9 @@ class MediaPipeDetector:
         with _quiet_native_log():
             found = self._look_at(image, (0, 0, image.shape[1], image.shape[0]))
             found += self._look_closer(image, (0, 0, image.shape[1], image.shape[0]), found)
-            if not found:
+            if not found and self.thorough:
                 found = self._look_at(image, _bordered(image))
-            for tile in _tiles(image) if not found else []:
+            for tile in _tiles(image) if not found and self.thorough else []:
                 found += self._look_closer(image, tile, found) if self._finder else self._look_at(image, tile)
         faces = _largest_first(found)[: self.max_faces]
         return [Landmarks("mediapipe478", points, _confidence(points, image)) for points in faces]
