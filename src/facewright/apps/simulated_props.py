@@ -137,11 +137,12 @@ def make_glasses(face: Face, neutral: NDArray[np.floating], rng: np.random.Gener
     )
     bridge[:, 2] = np.maximum(bridge[:, 2], points[43, 2] + 1.5)
     tubes.append(_tube(bridge, tube))
-    for corner, side in zip(corners, (-1.0, 1.0)):
-        back = np.linspace(corner[2], 0.5 * (right[2] + left[2]) - 85.0, 12)
+    ears = neutral[face.topology.landmarks["ibug68"][[0, 16]], 2].astype(np.float64) - 14.0
+    for corner, side, ear in zip(corners, (-1.0, 1.0), ears):
+        back = np.linspace(corner[2], ear, 12)
         beside = skin[(np.abs(skin[:, 1] - corner[1]) < 8.0) & (side * skin[:, 0] > 0)]
-        reach = np.array([np.abs(beside[np.abs(beside[:, 2] - z) < 10.0, 0]).max(initial=0.0) for z in back])
-        across = np.maximum.accumulate(np.maximum(reach + tube + 0.5, abs(corner[0])))
+        reach = np.array([np.abs(beside[np.abs(beside[:, 2] - z) < 6.0, 0]).max(initial=0.0) for z in back])
+        across = np.maximum.accumulate(np.maximum(reach + tube, abs(corner[0])))
         tubes.append(_tube(np.stack([side * across, np.full(12, corner[1]), back], axis=1), tube))
     frame, lens = _join(tubes, tone), _join(lenses, np.full(3, 0.85))
     return frame, lens
@@ -151,16 +152,14 @@ def make_torso(face: Face, neutral: NDArray[np.floating], rng: np.random.Generat
     """Make up a clothed torso below the neck of a head at rest."""
     skin = neutral[: face.n_skin].astype(np.float64)
     bottom, chin = skin[:, 1].min(), neutral[face.topology.landmarks["ibug68"][8], 1]
-    collar = bottom + 0.30 * (chin - bottom)
-    ring = skin[np.abs(skin[:, 1] - collar) < 10.0]
-    half = 0.5 * (ring.max(axis=0) - ring.min(axis=0))
-    middle = 0.5 * (ring.max(axis=0) + ring.min(axis=0))
+    collar = bottom + 0.45 * (chin - bottom)
     wide = rng.uniform(0.88, 1.12)
     # below the collar: half width, half depth, backwards shift of the middle
+    half, middle = _section(skin, collar)
     table = np.array(
         [
-            [2.0, half[0] + 3.0, half[2] + 3.0, 0.0],
-            [-6.0, half[0] + 7.0, half[2] + 7.0, 0.0],
+            [2.0, half[0] + 2.0, half[2] + 2.0, 0.0],
+            [-6.0, half[0] + 6.0, half[2] + 6.0, 0.0],
             [-25.0, half[0] + 32.0 * wide, half[2] + 12.0, -3.0],
             [-48.0, 135.0 * wide, half[2] + 20.0, -8.0],
             [-80.0, 190.0 * wide, 95.0 * wide, -10.0],
@@ -168,6 +167,11 @@ def make_torso(face: Face, neutral: NDArray[np.floating], rng: np.random.Generat
             [-420.0, 210.0 * wide, 125.0 * wide, 0.0],
         ]
     )
+    for row in table:  # wide enough for shoulders that the head's mesh brings along
+        below, centre = _section(skin, collar + row[0])
+        row[1] = max(row[1], below[0] + 6.0)
+        row[2] = max(row[2], below[2] + 6.0 + abs(centre[2] - middle[2] - row[3]))
+    table[:, 1:3] = np.maximum.accumulate(table[:, 1:3], axis=0)
     depth = np.concatenate([np.linspace(2.0, -90.0, 36), np.linspace(-100.0, -420.0, 20)])
     curve = PchipInterpolator(-table[:, 0], table[:, 1:])(-depth)
     angle = np.linspace(0.0, 2.0 * np.pi, 73)[:-1]
@@ -183,6 +187,15 @@ def make_torso(face: Face, neutral: NDArray[np.floating], rng: np.random.Generat
     stripes = 1.0 + rng.choice([0.0, 0.25]) * np.sign(np.sin(vertices[:, 1] / rng.uniform(4.0, 9.0)))
     colours = np.clip(colour * (stripes * (1.0 + 0.03 * rng.normal(size=len(vertices))))[:, None], 0.02, 0.95)
     return Prop(vertices + folds, _grid(len(depth), len(angle)), colours.astype(np.float32))
+
+
+def _section(skin: NDArray[np.float64], height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return half the extent and the middle of the neck at a height, both (3,); zeros below it."""
+    ring = skin[np.abs(skin[:, 1] - height) < 10.0]
+    if not len(ring):
+        return np.zeros(3), np.zeros(3)
+    low, high = ring.min(axis=0), ring.max(axis=0)
+    return 0.5 * (high - low), 0.5 * (high + low)
 
 
 def _choose_rows(ids: NDArray[np.integer], n: int) -> Any:

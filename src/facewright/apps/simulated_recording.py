@@ -75,7 +75,7 @@ class SimulatedRecording:
         """Return frame `i`, the same at every call."""
         look, time = self._look(i), i / FRAMES_PER_SECOND
         if self.noise is None:
-            return RGBDFrame(np.rint(look.color).astype(np.uint8), look.depth, self.intrinsics, time)
+            return RGBDFrame(look.color, look.depth, self.intrinsics, time)
         rng = np.random.default_rng((self.seed, i))
         depth = self.noise.observe(look.depth, self.intrinsics, rng, absorbed=look.absorbed)
         return RGBDFrame(self._scene.add_grain(look.color, rng), depth, self.intrinsics, time)

@@ -18,13 +18,14 @@ from facewright.imaging.render import Lights, shade_fragments
 
 _NECK_RIGID_MM, _NECK_BENDS_MM = 12.0, 75.0  # below the chin: where the neck begins to bend, and over what length
 _GRAIN = 2.6  # standard deviation of a picture's noise, of 255
+_SOFT = 0.25  # weight of a pixel's neighbours in it, before and after
 
 
 class Look(NamedTuple):
     """One view of a scene: what a perfect sensor would see."""
 
-    color: NDArray[np.float32]
-    """(H, W, 3), sRGB times 255, before noise."""
+    color: NDArray[np.uint8]
+    """(H, W, 3), sRGB without noise."""
     depth: NDArray[np.float32]
     """(H, W), mm."""
     absorbed: NDArray[np.float32]
@@ -68,27 +69,21 @@ class CaptureScene:
         self.paint = albedo_function(face, look, own)
         self.lenses = None if subject.glasses is None else subject.glasses[1]
         self.hair_absorbs = 0.45 * float(np.clip(1.0 - np.mean(look.hair) / 0.45, 0.0, 1.0))
-        self.bend = self._neck_bend(subject)
-        self.grain = rng.standard_normal((KINECT_SIZE[0] + 64, KINECT_SIZE[1] + 64, 3)).astype(np.float32)
-        self._paint_background(subject, rng)
+        self.neck, self.bend = _neck_bend(subject)
+        self.normals = outward_normals(self.vertices, self.faces)
+        grain = _GRAIN * rng.standard_normal((KINECT_SIZE[0] + 64, KINECT_SIZE[1] + 64, 3))
+        self.grain = np.rint(grain).astype(np.int16)
+        self._paint_background(subject)
 
-    def _neck_bend(self, subject: SimulatedCaptureSubject) -> NDArray[np.float64]:
-        """Return for each vertex how far it follows the head, 1, or the torso, 0: the neck is in between."""
-        face, neutral = subject.face, subject.person.neutral
-        below = neutral[face.topology.landmarks["ibug68"][8], 1] - _NECK_RIGID_MM - neutral[: face.n_skin, 1]
-        bend = np.ones(len(self.vertices))
-        t = np.clip(below / _NECK_BENDS_MM, 0.0, 1.0)
-        bend[: face.n_skin] = 1.0 - t * t * (3.0 - 2.0 * t)
-        return bend
-
-    def _paint_background(self, subject: SimulatedCaptureSubject, rng: np.random.Generator) -> None:
+    def _paint_background(self, subject: SimulatedCaptureSubject) -> None:
         """Paint wall and torso, which stand still."""
         K, (height, width) = self.intrinsics, KINECT_SIZE
         u = ((np.arange(width) - K.centre_x) / K.focal_x)[None, :]
         v = ((np.arange(height) - K.centre_y) / K.focal_y)[:, None]
         wall = np.broadcast_to(subject.wall_mm / (1.0 - subject.wall_tilt * u), (height, width)).astype(np.float32)
         base = linear_from_srgb(np.array(subject.appearance.background, np.float32) / 255.0)
-        shade = 0.85 + rng.normal(0.0, 0.35) * u - 0.25 * v + rng.normal(0.0, 0.2) * u * v
+        across, corner = subject.wall_shades
+        shade = 0.85 + across * u - 0.25 * v + corner * u * v
         linear = (base * np.clip(shade, 0.3, 1.3)[..., None]).astype(np.float32)
         torso = subject.torso
         seen = self.camera_from_torso.apply(torso.vertices)
@@ -98,33 +93,53 @@ class CaptureScene:
         linear[fragments.covered] = np.where(covered[fragments.covered, None], shown, linear[fragments.covered])
         self.depth = np.where(covered, fragments.depth, wall)
         self.linear = linear
+        self.color = _finish(linear)
 
     def look(self, camera_from_model: RigidMotion) -> Look:
         """Paint the scene with the head in this pose."""
-        still = self.camera_from_torso.apply(self.vertices)
-        seen = still + self.bend[:, None] * (camera_from_model.apply(self.vertices) - still)
+        seen = camera_from_model.apply(self.vertices)
+        still = self.camera_from_torso.apply(self.vertices[self.neck])
+        seen[self.neck] = still + self.bend[:, None] * (seen[self.neck] - still)
         pixels = self.intrinsics.project(seen)
         window = _window(pixels, KINECT_SIZE)
-        depth, linear = self.depth.copy(), self.linear.copy()
+        color, depth = self.color.copy(), self.depth.copy()
         absorbed = np.zeros(KINECT_SIZE, np.float32)
-        if window is not None:
-            rows, columns = window
-            origin = np.array([columns.start, rows.start])
-            size = (rows.stop - rows.start, columns.stop - columns.start)
-            fragments = rasterise(pixels - origin, seen[:, 2], self.faces, size)
-            covered = fragments.covered
-            shown = shade_fragments(
-                fragments, seen, self.faces, albedo=self._albedo, lights=self.lights, shininess=self.gloss
-            )
-            before = covered & (fragments.depth < depth[rows, columns])
-            linear[rows, columns][before] = shown[before[covered]]
-            depth[rows, columns][before] = fragments.depth[before]
-            own = fragments.face_index
-            hair = before & (own >= self.n_own) & (own < self.n_own + self.n_hair)
-            absorbed[rows, columns][hair] = self.hair_absorbs
-            if self.lenses is not None:
-                self._add_lenses(camera_from_model, linear, depth, absorbed)
-        return Look(_soften(255.0 * srgb_from_linear(linear)), depth, absorbed)
+        if window is None:
+            return Look(color, depth, absorbed)
+        rows, columns = window
+        size = (rows.stop - rows.start, columns.stop - columns.start)
+        # Three samples a side, of which the middle one is the pixel's centre; all nine tell the pixel's coverage.
+        origin = np.array([columns.start, rows.start])
+        fine = rasterise(
+            3.0 * (pixels - origin) + 1.0, seen[:, 2], self.faces, (3 * size[0], 3 * size[1]), cull_back_faces=True
+        )
+        behind = self.depth[rows, columns]
+        before = fine.covered & (fine.depth < np.repeat(np.repeat(behind, 3, axis=0), 3, axis=1))
+        share = before.reshape(size[0], 3, size[1], 3).mean(axis=(1, 3), dtype=np.float32)
+        centre = before[1::3, 1::3]
+        fragments = Fragments(
+            np.where(centre, fine.face_index[1::3, 1::3], -1), fine.barycentric[1::3, 1::3], fine.depth[1::3, 1::3]
+        )
+        shown = np.zeros((*size, 3), np.float32)
+        shown[centre] = shade_fragments(
+            fragments,
+            seen,
+            self.faces,
+            albedo=self._albedo,
+            lights=self.lights,
+            shininess=self.gloss,
+            normals=self.normals @ camera_from_model.rotation.T,
+        )
+        depth[rows, columns][centre] = fragments.depth[centre]
+        own = fragments.face_index
+        absorbed[rows, columns][(own >= self.n_own) & (own < self.n_own + self.n_hair)] = self.hair_absorbs
+        _spread_to_edges(shown, centre, share)
+        linear = self.linear[rows, columns]
+        linear = linear + share[..., None] * (shown - linear)
+        if self.lenses is not None:
+            self._add_lenses(camera_from_model, linear, depth, absorbed, window)
+        color[rows, columns] = _finish(linear)
+        return Look(color, depth, absorbed)
 
     def _add_lenses(
         self,
@@ -132,17 +147,20 @@ class CaptureScene:
         linear: NDArray[np.float32],
         depth: NDArray[np.float32],
         absorbed: NDArray[np.float32],
+        window: tuple[slice, slice],
     ) -> None:
         """Put a faint reflection on the lenses; they scatter the sensor's pattern."""
         assert self.lenses is not None
         seen = camera_from_model.apply(self.lenses.vertices)
-        fragments = rasterise(self.intrinsics.project(seen), seen[:, 2], self.lenses.faces, KINECT_SIZE)
-        glass = fragments.covered & (fragments.depth < depth + 0.5)
+        pixels = self.intrinsics.project(seen) - [window[1].start, window[0].start]
+        size = (linear.shape[0], linear.shape[1])
+        fragments = rasterise(pixels, seen[:, 2], self.lenses.faces, size)
+        glass = fragments.covered & (fragments.depth < depth[window] + 0.5)
         height = np.nonzero(glass)[0]
         if len(height):
             share = 0.03 + 0.10 * (1.0 - (height - height.min()) / max(np.ptp(height), 1))[:, None] ** 2
             linear[glass] = (1.0 - share) * linear[glass] + share
-            absorbed[glass] = 0.35
+            absorbed[window][glass] = 0.35
 
     def _albedo(self, fragments: Fragments) -> NDArray[np.float32]:
         own = fragments.face_index < self.n_own
@@ -153,31 +171,54 @@ class CaptureScene:
             colours[~own] = props[~own]
         return colours
 
-    def add_grain(self, color: NDArray[np.float32], rng: np.random.Generator) -> NDArray[np.uint8]:
-        """Return the picture as the sensor's colour camera delivers it: soft, with noise, uint8."""
+    def add_grain(self, color: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+        """Return the picture with a camera's noise."""
         i, j = rng.integers(0, 64, 2)
         height, width = KINECT_SIZE
-        grain = self.grain[i : i + height, j : j + width]
-        return np.clip(color + _GRAIN * grain + 0.5, 0.0, 255.0).astype(np.uint8)
+        return np.clip(color + self.grain[i : i + height, j : j + width], 0, 255).astype(np.uint8)
+
+
+def _neck_bend(subject: SimulatedCaptureSubject) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return the neck's vertices, and for each how far it follows the head, 1, or the torso, 0."""
+    face, neutral = subject.face, subject.person.neutral
+    below = neutral[face.topology.landmarks["ibug68"][8], 1] - _NECK_RIGID_MM - neutral[: face.n_skin, 1]
+    t = np.clip(below / _NECK_BENDS_MM, 0.0, 1.0)
+    neck = np.flatnonzero(t > 0)
+    return neck, (1.0 - t * t * (3.0 - 2.0 * t))[neck]
 
 
 def _window(pixels: NDArray[np.float64], size: tuple[int, int]) -> tuple[slice, slice] | None:
-    """Return the rows and columns of a picture that hold these pixels, or None."""
-    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
-    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 1, [size[1], size[0]])
+    """Return the rows and columns of a picture that hold these pixels and a rim, or None."""
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 2, 0)
+    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 3, [size[1], size[0]])
     if (high <= low).any():
         return None
     return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
-def _soften(picture: NDArray[np.float32], side: float = 0.45) -> NDArray[np.float32]:
-    """Blur a picture (H, W, 3) a little, as lens and Bayer pattern do."""
+def _spread_to_edges(shown: NDArray[np.float32], centre: NDArray[np.bool_], share: NDArray[np.float32]) -> None:
+    """Give pixels that the mesh covers in part, but not at their centre, the mean colour of their neighbours' mesh."""
+    row, column = np.nonzero((share > 0) & ~centre)
+    total, weight = np.zeros((len(row), 3), np.float32), np.zeros((len(row), 1), np.float32)
+    for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)):
+        v = np.clip(row + down, 0, centre.shape[0] - 1)
+        u = np.clip(column + right, 0, centre.shape[1] - 1)
+        there = centre[v, u, None]
+        total += there * shown[v, u]
+        weight += there
+    shown[row, column] = total / np.maximum(weight, 1.0)
+    share[row[weight[:, 0] == 0], column[weight[:, 0] == 0]] = 0.0
+
+
+def _finish(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Turn linear light (H, W, 3) into a picture as soft as lens and Bayer pattern leave it."""
+    picture = 255.0 * srgb_from_linear(linear)
     for axis in (0, 1):
-        padded = (
-            np.concatenate([picture[:1], picture, picture[-1:]])
-            if axis == 0
-            else np.concatenate([picture[:, :1], picture, picture[:, -1:]], axis=1)
-        )
-        before, after = (padded[:-2], padded[2:]) if axis == 0 else (padded[:, :-2], padded[:, 2:])
-        picture = (picture + side * (before + after)) / (1.0 + 2.0 * side)
-    return picture
+        inner = [slice(None), slice(None)]
+        before, after = list(inner), list(inner)
+        inner[axis], before[axis], after[axis] = slice(1, -1), slice(None, -2), slice(2, None)
+        soft = picture.copy()
+        soft[tuple(inner)] += _SOFT * (picture[tuple(before)] + picture[tuple(after)])
+        soft[tuple(inner)] /= 1.0 + 2.0 * _SOFT
+        picture = soft
+    return np.rint(picture).astype(np.uint8)

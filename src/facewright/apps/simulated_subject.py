@@ -35,6 +35,8 @@ class SimulatedCaptureSubject:
         Model space of the head at rest.
     wall_mm, wall_tilt : float
         Distance of the wall along the optical axis, and its slope to the side.
+    wall_shades : (float, float)
+        How its lightness changes to the right and towards a corner.
     attributes : mapping
         Made-up attributes: age, sex, hair, glasses, skin.
     """
@@ -47,6 +49,7 @@ class SimulatedCaptureSubject:
     torso: Prop
     wall_mm: float
     wall_tilt: float
+    wall_shades: tuple[float, float]
     attributes: Mapping[str, str | int | float | bool] = field(default_factory=dict)
 
 
@@ -85,6 +88,7 @@ def simulate_capture_subject(
         make_torso(face, person.neutral, rng),
         float(rng.uniform(1100.0, 1900.0)),
         float(rng.normal(0.0, 0.12)),
+        (float(rng.normal(0.0, 0.35)), float(rng.normal(0.0, 0.2))),
         {
             "age": int(rng.integers(18, 76)),
             "sex": str(rng.choice(["female", "male"])),

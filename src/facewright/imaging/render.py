@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,14 +139,19 @@ def shade_fragments(
     albedo: Albedo | None = None,
     lights: Lights | None = None,
     shininess: NDArray[np.floating] | float = 0.12,
+    normals: NDArray[np.floating] | None = None,
 ) -> NDArray[np.float32]:
-    """Return the linear colour of the covered samples of a rasterised mesh, shape (N, 3); see `render_mesh`."""
+    """Return the linear colour of the covered samples of a rasterised mesh, shape (N, 3); see `render_mesh`.
+
+    `normals` (V, 3), of unit length and in the camera's frame, spare their computation where they are known.
+    """
     lights = lights or Lights()
     covered = fragments.covered
     n_vertices = len(camera_vertices)
     # vertex_normals points outwards for counter-clockwise triangles in a right-handed frame, which x right, y down,
     # z away is too
-    normals = vertex_normals(np.asarray(camera_vertices, dtype=np.float64), faces)
+    if normals is None:
+        normals = vertex_normals(np.asarray(camera_vertices, dtype=np.float64), faces)
     gloss = np.broadcast_to(np.asarray(shininess, dtype=np.float32), (n_vertices,))
     packed = np.concatenate([normals, camera_vertices, gloss[:, None]], axis=1)
     values = fragments.interpolate(faces, packed)[covered]
@@ -163,10 +169,18 @@ def shade_fragments(
         diffuse = np.clip((cosine + 0.25) / 1.25, 0.0, None) ** 1.3
         half = view + towards
         half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
-        sheen = np.clip((n * half).sum(1), 0.0, None) ** 22 * (cosine > 0)
+        sheen = _power_22(np.clip((n * half).sum(1), 0.0, None)) * (cosine > 0)
         light += diffuse[:, None] * intensity
         highlight += sheen[:, None] * intensity
     return _roll_off(colour * light + values[:, 6:7] * highlight).astype(np.float32)
+
+
+def _power_22(x: NDArray[Any]) -> NDArray[Any]:
+    """Return x^22; products are several times as fast as NumPy's power."""
+    x2 = x * x
+    x4 = x2 * x2
+    x8 = x4 * x4
+    return x8 * x8 * x4 * x2
 
 
 def _roll_off(linear: NDArray[np.floating], knee: float = 0.7) -> NDArray[np.floating]:
