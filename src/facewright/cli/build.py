@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from facewright.cli.console import EXIT_INCOMPLETE, JsonOption, Progress, finish, say, table
+from facewright.cli.console import EXIT_INCOMPLETE, JsonOption, Progress, finish, say, say_aside, table
 
 if TYPE_CHECKING:
     from facewright.apps.build import BuildResult
@@ -133,14 +133,10 @@ def _following(as_json: bool) -> Iterator[_Following]:
     if as_json:
         yield None, None, lambda text: None
     elif not sys.stderr.isatty():
-        yield None, lambda step: _line(_step_text(step)), _line
+        yield None, lambda step: say_aside(_step_text(step)), say_aside
     else:
         with _bars() as following:
             yield following
-
-
-def _line(text: str) -> None:
-    typer.echo(text, err=True)
 
 
 def _step_text(step: BuildStep) -> str:

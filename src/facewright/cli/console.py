@@ -159,6 +159,13 @@ def say(text: str) -> None:
     Console(soft_wrap=True, highlight=False).print(text, markup=False)
 
 
+def say_aside(text: str) -> None:
+    """Print one line for people on stderr, where the result is not: how the work goes."""
+    from rich.console import Console
+
+    Console(stderr=True, soft_wrap=True, highlight=False).print(text, markup=False)
+
+
 def table(title: str, columns: list[str], rows: list[list[str]]) -> None:
     """Print a table for people; the first column is text, the others align right where they are numbers."""
     from rich.console import Console

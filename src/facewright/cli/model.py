@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from facewright.cli.console import JsonOption, finish, progress_bar, say, table
+from facewright.cli.console import JsonOption, finish, progress_bar, say, say_aside, table
+from facewright.errors import ValueRangeError
+
+if TYPE_CHECKING:
+    from facewright.apps.build_database_model import BuildDatabaseModelRequest
+    from facewright.models.bilinear import BilinearModel
 
 app = typer.Typer(no_args_is_help=True, help="Build and look at bilinear face models.", rich_markup_mode="rich")
 ModelArgument = Annotated[Path, typer.Argument(help="A model file, as `facewright model build` writes it.")]
@@ -15,23 +20,99 @@ ModelArgument = Annotated[Path, typer.Argument(help="A model file, as `facewrigh
 
 @app.command("build")
 def build(
+    context: typer.Context,
+    database: Annotated[
+        str | None,
+        typer.Argument(help="Database of people, as `facewright build` makes it; simulated people if absent."),
+    ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")] = Path("face.fwbm"),
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
     people: Annotated[int, typer.Option(help="Simulated people.", min=2)] = 150,
     identities: Annotated[int, typer.Option(help="Identity components kept.", min=1)] = 50,
     expressions: Annotated[int, typer.Option(help="Expression components kept; below 47, lids stay ajar.", min=1)] = 47,
     seed: Annotated[int, typer.Option(help="Seed of the simulated people.", min=0)] = 0,
-    skin: Annotated[bool, typer.Option("--skin", help="Leave out eyes, teeth and mouth cavity.")] = False,
+    skin: Annotated[
+        bool, typer.Option("--skin", help="Simulated people without eyes, teeth and mouth cavity.")
+    ] = False,
+    where: Annotated[
+        list[str] | None, typer.Option(help='People of the database to use, such as "age > 30"; may be repeated.')
+    ] = None,
+    hold_out: Annotated[
+        int, typer.Option(help="People of the database left out, on whom the model is checked.", min=0)
+    ] = 0,
+    workers: Annotated[int, typer.Option(help="Worker processes that read the database; 0: this one.", min=0)] = 0,
+    scheduler: Annotated[str | None, typer.Option(help="Address of an existing Dask scheduler.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Build the bilinear model of a face from simulated people, and check it on people it has not seen.
+    """Build the bilinear model of a database's people, or of simulated ones, and check it on people it has not seen.
 
     \b
     Examples:
       facewright model build
       facewright model build -o small.fwbm --people 40 --identities 20 --expressions 15
       facewright model build -o ict.fwbm --faces ict --skin
+      facewright model build faces.zarr -o faces.fwbm --hold-out 5
     """
+    only_simulated, only_database = ("faces", "people", "seed", "skin"), ("where", "hold_out", "workers", "scheduler")
+    _refuse_given(context, only_simulated if database is not None else only_database, database is not None)
+    if database is None:
+        _build_simulated(out, faces, people, identities, expressions, seed, skin, as_json)
+    else:
+        from facewright.apps.build_database_model import BuildDatabaseModelRequest
+
+        request = BuildDatabaseModelRequest(
+            database=database,
+            out=out,
+            n_identity=identities,
+            n_expression=expressions,
+            where=tuple(where or ()),
+            n_held_out=hold_out,
+            workers=workers,
+            scheduler=scheduler,
+        )
+        _build_from_database(request, as_json)
+
+
+def _refuse_given(context: typer.Context, names: tuple[str, ...], from_database: bool) -> None:
+    """Refuse options of the other way to build a model."""
+    for name in names:
+        source = context.get_parameter_source(name)
+        if source is not None and source.name == "COMMANDLINE":
+            flag = f"--{name.replace('_', '-')}"
+            which = "without a database, for simulated people" if from_database else "with a database"
+            raise ValueRangeError(f"{flag} must be given {which}, got it {'with' if from_database else 'without'} one.")
+
+
+def _build_from_database(request: BuildDatabaseModelRequest, as_json: bool) -> None:
+    from facewright.apps.build_database_model import build_database_model
+
+    with progress_bar(as_json) as progress:
+        result = build_database_model(request, progress, on_dashboard=None if as_json else say_aside)
+    model = result.model
+    payload = {
+        **_sizes(result.path, result.n_bytes, model),
+        "people": len(model.identity_weights),
+        "without_blendshapes": result.n_without_blendshapes,
+        "decompose_seconds": round(result.decompose_seconds, 3),
+        "unseen_rms_mm": result.unseen_rms_mm,
+    }
+    without = result.n_without_blendshapes
+    left_out = f" ({without} more have no blendshapes)" if without else ""
+    unseen = f"; {result.unseen_rms_mm:.2f} mm RMS on people held out" if result.unseen_rms_mm is not None else ""
+    finish(
+        payload,
+        as_json,
+        lambda: say(
+            f"Wrote {result.path} ({result.n_bytes / 1e6:.1f} MB): {len(model.identity_weights)} people{left_out}, "
+            f"{model.n_vertices} vertices, {model.n_identity} x {model.n_expression} components; "
+            f"{result.decompose_seconds:.1f} s{unseen}."
+        ),
+    )
+
+
+def _build_simulated(
+    out: Path, faces: str, people: int, identities: int, expressions: int, seed: int, skin: bool, as_json: bool
+) -> None:
     from facewright.apps.build_model import BuildModelRequest, build_model
 
     request = BuildModelRequest(
@@ -47,11 +128,7 @@ def build(
         result = build_model(request, progress)
     model = result.model
     payload = {
-        "path": result.path,
-        "bytes": result.n_bytes,
-        "vertices": model.n_vertices,
-        "identities": model.n_identity,
-        "expressions": model.n_expression,
+        **_sizes(result.path, result.n_bytes, model),
         "simulate_seconds": round(result.simulate_seconds, 3),
         "decompose_seconds": round(result.decompose_seconds, 3),
         "unseen_rms_mm": result.unseen_rms_mm,
@@ -65,6 +142,16 @@ def build(
             f"{result.decompose_seconds:.1f} s to decompose; {result.unseen_rms_mm:.2f} mm RMS on unseen people."
         ),
     )
+
+
+def _sizes(path: Path, n_bytes: int, model: BilinearModel) -> dict[str, Any]:
+    return {
+        "path": path,
+        "bytes": n_bytes,
+        "vertices": model.n_vertices,
+        "identities": model.n_identity,
+        "expressions": model.n_expression,
+    }
 
 
 @app.command("info")
