@@ -76,8 +76,10 @@ class Hair:
         return Prop(self.weights @ skin + self.thickness[:, None] * outward, self.faces, self.colours)
 
 
-def make_hair(face: Face, colour: NDArray[np.floating], rng: np.random.Generator) -> Hair:
-    """Make up a cap of hair, 5 to 25 mm thick and bumpy, in shades of `colour` (3,)."""
+def make_hair(
+    face: Face, colour: NDArray[np.floating], skin_colour: NDArray[np.floating], rng: np.random.Generator
+) -> Hair:
+    """Make up a cap of hair, 5 to 25 mm thick and bumpy, in shades of `colour` (3,); it thins out at the hairline."""
     skin = face.mean_shape[: face.n_skin].astype(np.float64)
     paint = build_paint_map(face)
     scalp = paint.columns(paint.attributes[: face.n_skin])["scalp"].astype(np.float64)
@@ -99,6 +101,9 @@ def make_hair(face: Face, colour: NDArray[np.floating], rng: np.random.Generator
     thickness = body * np.clip(bumps, 0.4, 1.8) * np.sqrt(ramp) - 1.5 * (ramp <= 0)
     shades = 1.0 + 0.22 * _scalar_field(places * [1.0, 0.35, 0.35], 4.0, rng) + 0.10 * rng.normal(size=len(places))
     colours = np.clip(np.asarray(colour) * np.clip(shades, 0.5, 1.7)[:, None], 0.01, 0.95)
+    line = ramp + 0.06 * _scalar_field(places, 5.0, rng)
+    thin = np.clip((line - 0.01) / 0.12, 0.0, 1.0)[:, None]
+    colours = np.asarray(skin_colour) + thin * (colours - skin_colour)
     return Hair(weights, triangles, thickness, colours.astype(np.float32))
 
 

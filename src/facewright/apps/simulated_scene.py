@@ -87,13 +87,14 @@ class CaptureScene:
         linear = (base * np.clip(shade, 0.3, 1.3)[..., None]).astype(np.float32)
         torso = subject.torso
         seen = self.camera_from_torso.apply(torso.vertices)
-        fragments = rasterise(K.project(seen), seen[:, 2], torso.faces, KINECT_SIZE)
-        covered = fragments.covered & (fragments.depth < wall)
-        shown = shade_fragments(fragments, seen, torso.faces, albedo=torso.colours, lights=self.lights, shininess=0.02)
-        linear[fragments.covered] = np.where(covered[fragments.covered, None], shown, linear[fragments.covered])
-        self.depth = np.where(covered, fragments.depth, wall)
-        self.linear = linear
-        self.color = _finish(linear)
+        drawn = _draw(K.project(seen), seen[:, 2], torso.faces, wall)
+        shown = np.zeros_like(linear)
+        shown[drawn.fragments.covered] = shade_fragments(
+            drawn.fragments, seen, torso.faces, albedo=torso.colours, lights=self.lights, shininess=0.02
+        )
+        self.linear = drawn.over(shown, linear)
+        self.depth = np.where(drawn.fragments.covered, drawn.fragments.depth, wall)
+        self.color = _finish(self.linear)
 
     def look(self, camera_from_model: RigidMotion) -> Look:
         """Paint the scene with the head in this pose."""
@@ -106,22 +107,11 @@ class CaptureScene:
         absorbed = np.zeros(KINECT_SIZE, np.float32)
         if window is None:
             return Look(color, depth, absorbed)
-        rows, columns = window
-        size = (rows.stop - rows.start, columns.stop - columns.start)
-        # Three samples a side, of which the middle one is the pixel's centre; all nine tell the pixel's coverage.
-        origin = np.array([columns.start, rows.start])
-        fine = rasterise(
-            3.0 * (pixels - origin) + 1.0, seen[:, 2], self.faces, (3 * size[0], 3 * size[1]), cull_back_faces=True
-        )
-        behind = self.depth[rows, columns]
-        before = fine.covered & (fine.depth < np.repeat(np.repeat(behind, 3, axis=0), 3, axis=1))
-        share = before.reshape(size[0], 3, size[1], 3).mean(axis=(1, 3), dtype=np.float32)
-        centre = before[1::3, 1::3]
-        fragments = Fragments(
-            np.where(centre, fine.face_index[1::3, 1::3], -1), fine.barycentric[1::3, 1::3], fine.depth[1::3, 1::3]
-        )
-        shown = np.zeros((*size, 3), np.float32)
-        shown[centre] = shade_fragments(
+        origin = [window[1].start, window[0].start]
+        drawn = _draw(pixels - origin, seen[:, 2], self.faces, self.depth[window])
+        fragments, covered = drawn.fragments, drawn.fragments.covered
+        shown = np.zeros((*covered.shape, 3), np.float32)
+        shown[covered] = shade_fragments(
             fragments,
             seen,
             self.faces,
@@ -130,15 +120,13 @@ class CaptureScene:
             shininess=self.gloss,
             normals=self.normals @ camera_from_model.rotation.T,
         )
-        depth[rows, columns][centre] = fragments.depth[centre]
-        own = fragments.face_index
-        absorbed[rows, columns][(own >= self.n_own) & (own < self.n_own + self.n_hair)] = self.hair_absorbs
-        _spread_to_edges(shown, centre, share)
-        linear = self.linear[rows, columns]
-        linear = linear + share[..., None] * (shown - linear)
+        depth[window][covered] = fragments.depth[covered]
+        hair = (fragments.face_index >= self.n_own) & (fragments.face_index < self.n_own + self.n_hair)
+        absorbed[window][hair] = self.hair_absorbs
+        linear = drawn.over(shown, self.linear[window])
         if self.lenses is not None:
             self._add_lenses(camera_from_model, linear, depth, absorbed, window)
-        color[rows, columns] = _finish(linear)
+        color[window] = _finish(linear)
         return Look(color, depth, absorbed)
 
     def _add_lenses(
@@ -196,18 +184,45 @@ def _window(pixels: NDArray[np.float64], size: tuple[int, int]) -> tuple[slice, 
     return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
-def _spread_to_edges(shown: NDArray[np.float32], centre: NDArray[np.bool_], share: NDArray[np.float32]) -> None:
-    """Give pixels that the mesh covers in part, but not at their centre, the mean colour of their neighbours' mesh."""
-    row, column = np.nonzero((share > 0) & ~centre)
-    total, weight = np.zeros((len(row), 3), np.float32), np.zeros((len(row), 1), np.float32)
-    for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)):
-        v = np.clip(row + down, 0, centre.shape[0] - 1)
-        u = np.clip(column + right, 0, centre.shape[1] - 1)
-        there = centre[v, u, None]
-        total += there * shown[v, u]
-        weight += there
-    shown[row, column] = total / np.maximum(weight, 1.0)
-    share[row[weight[:, 0] == 0], column[weight[:, 0] == 0]] = 0.0
+class _Drawn(NamedTuple):
+    """A mesh before a background: what pixel centres see of it, and the share (H, W) of each pixel that it covers."""
+
+    fragments: Fragments
+    share: NDArray[np.float32]
+
+    def over(self, shown: NDArray[np.float32], behind: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Lay the mesh's linear colours (H, W, 3) over those behind it, with smooth outlines."""
+        covered = self.fragments.covered
+        # Pixels that the mesh covers, but not at their centre, get the mean colour of their neighbours.
+        row, column = np.nonzero((self.share > 0) & ~covered)
+        total, weight = np.zeros((len(row), 3), np.float32), np.zeros((len(row), 1), np.float32)
+        for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1), (-1, -1), (-1, 1), (1, -1), (1, 1)):
+            v = np.clip(row + down, 0, covered.shape[0] - 1)
+            u = np.clip(column + right, 0, covered.shape[1] - 1)
+            there = covered[v, u, None]
+            total += there * shown[v, u]
+            weight += there
+        colours, share = shown.copy(), self.share.copy()
+        colours[row, column] = total / np.maximum(weight, 1.0)
+        share[row, column] *= weight[:, 0] > 0
+        return behind + share[..., None] * (colours - behind)
+
+
+def _draw(
+    pixels: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    behind: NDArray[np.float32],
+) -> _Drawn:
+    """Rasterise a mesh where it is before the depth `behind` (H, W), nine samples a pixel."""
+    height, width = behind.shape
+    # The middle one of the nine is the pixel's centre.
+    fine = rasterise(3.0 * pixels + 1.0, depth, faces, (3 * height, 3 * width), cull_back_faces=True)
+    before = fine.depth < np.repeat(np.repeat(behind, 3, axis=0), 3, axis=1)
+    share = before.reshape(height, 3, width, 3).mean(axis=(1, 3), dtype=np.float32)
+    middle = (slice(1, None, 3), slice(1, None, 3))
+    index = np.where(before[middle], fine.face_index[middle], -1)
+    return _Drawn(Fragments(index, fine.barycentric[middle], fine.depth[middle]), share)
 
 
 def _finish(linear: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -83,7 +83,7 @@ def simulate_capture_subject(
         face,
         person,
         look,
-        make_hair(face, look.hair, rng) if with_hair else None,
+        make_hair(face, look.hair, look.skin, rng) if with_hair else None,
         make_glasses(face, person.neutral, rng) if with_glasses else None,
         make_torso(face, person.neutral, rng),
         float(rng.uniform(1100.0, 1900.0)),
