@@ -23,6 +23,11 @@ if TYPE_CHECKING:
     from facewright.landmarks.detector import LandmarkDetector
 
 
+#: Recordings up to this size are kept in memory while they are fused.
+_MOST_BYTES = 256 * 2**20
+_BYTES_PER_PIXEL = 7
+
+
 @dataclass(eq=False)
 class StageClock:
     """Seconds spent in each stage, and what calls itself at the end of one.
@@ -105,6 +110,7 @@ def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock:
     FileFormatError, StoreError, ValueRangeError
         If recording or sidecar are damaged.
     """
+    from facewright.capture.face_rectangle import rectangle_from_landmarks
     from facewright.capture.fusion import fuse
     from facewright.capture.recording import open_recording
 
@@ -112,7 +118,9 @@ def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock:
     with clock.time("read"):
         recording = open_recording(path)
     reference = None if sidecar is None else _checked_frame(sidecar[0], recording, path)
-    rectangle = None if not _is_complete(sidecar) or sidecar is None else landmark_rectangle(sidecar[1], recording.size)
+    rectangle = None
+    if sidecar is not None and _is_complete(sidecar):
+        rectangle = rectangle_from_landmarks(sidecar[1], recording.size)
     timed = TimedRecording(recording, clock)
     start = perf_counter()
     waited = clock.seconds.get("read", 0.0)
@@ -134,7 +142,7 @@ def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock:
 
 
 class TimedRecording:
-    """A recording whose reading is timed; otherwise the recording itself.
+    """A recording whose reading is timed, and which is read once only where it is short.
 
     Parameters
     ----------
@@ -145,19 +153,26 @@ class TimedRecording:
     """
 
     def __init__(self, recording: Recording, clock: StageClock) -> None:
+        self.n_frames = recording.n_frames
         self._recording = recording
         self._clock = clock
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._recording, name)
+        pixels = recording.size[0] * recording.size[1] * recording.n_frames
+        self._kept: dict[int, RGBDFrame] | None = {} if pixels * _BYTES_PER_PIXEL <= _MOST_BYTES else None
 
     def frame(self, i: int) -> RGBDFrame:
         """Return frame `i`."""
         with self._clock.time("read"):
-            return self._recording.frame(i)
+            if self._kept is None:
+                return self._recording.frame(i)
+            if i not in self._kept:
+                self._kept[i] = self._recording.frame(i)
+            return self._kept[i]
 
     def frames(self) -> Iterator[RGBDFrame]:
         """Yield all frames in order."""
+        if self._kept is not None:
+            yield from (self.frame(i) for i in range(self.n_frames))
+            return
         frames = self._recording.frames()
         while True:
             with self._clock.time("read"):
@@ -165,26 +180,6 @@ class TimedRecording:
             if frame is None:
                 return
             yield frame
-
-
-def landmark_rectangle(landmarks: Landmarks, size: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Return the face rectangle round landmarks, as wide again as half the face on each side, within the picture.
-
-    Parameters
-    ----------
-    landmarks : Landmarks
-        Of the picture.
-    size : (height, width)
-        Of the picture.
-    """
-    left, top, right, bottom = landmarks.box
-    wide, high = 0.25 * (right - left), 0.25 * (bottom - top)
-    return (
-        max(int(left - wide), 0),
-        max(int(top - 1.6 * high), 0),  # brows are the highest landmarks
-        min(int(right + wide) + 1, size[1]),
-        min(int(bottom + high) + 1, size[0]),
-    )
 
 
 def _sidecar(path: Path) -> tuple[int, Landmarks] | None:
