@@ -9,7 +9,20 @@ from typing import Annotated
 import typer
 
 from facewright import __version__
-from facewright.cli import build, capture, demo, evaluate, export, faces, fit, info, model, simulate, warehouse
+from facewright.cli import (
+    build,
+    capture,
+    demo,
+    evaluate,
+    export,
+    faces,
+    fit,
+    fit_scan,
+    info,
+    model,
+    simulate,
+    warehouse,
+)
 from facewright.cli.console import EXIT_INTERRUPTED, FacewrightGroup
 
 app = typer.Typer(
@@ -43,6 +56,7 @@ app.add_typer(faces.app, name="faces")
 app.add_typer(model.app, name="model")
 app.command("build")(build.build)
 app.command("fit")(fit.fit)
+app.command("fit-scan")(fit_scan.fit_scan)
 app.command("export")(export.export)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(capture.app, name="capture")

@@ -1,8 +1,9 @@
-"""Landmark files: iBUG ``.pts``, Menpo ``.ljson`` and the project's own JSON."""
+"""Landmark files: iBUG ``.pts``, Menpo ``.ljson``, tables in ``.csv`` and the project's own JSON."""
 
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,8 @@ class PointsFile:
     Parameters
     ----------
     points : ndarray of shape (L, 2) or (L, 3), float64
-        Pixels (x right, y down, the centre of the first pixel is (0, 0)); three columns only from a 3D ``.ljson``, in
-        the file's own axes. NaN where the file marks a point as missing.
+        Pixels (x right, y down, the centre of the first pixel is (0, 0)); three columns where the file has them, in the
+        file's own axes. NaN where the file marks a point as missing.
     confidence : ndarray of shape (L,), float64
         In [0, 1]; 0 where the file marks a point as missing, 1 where it says nothing.
     scheme : str or None
@@ -40,13 +41,14 @@ class PointsFile:
 
 
 def read_points(path: str | Path) -> PointsFile:
-    """Read a landmark file; the kind is that of the suffix: ``.pts``, ``.ljson`` or ``.json``.
+    """Read a landmark file; the kind is that of the suffix: ``.pts``, ``.ljson``, ``.json`` or ``.csv``.
 
     Parameters
     ----------
     path : str or Path
         The file. ``.pts``: one-based pixels, turned into the project's zero-based ones. ``.ljson``: y before x,
         turned round; ``null`` marks a missing point. ``.json``: the project's own, as `write_points` writes it.
+        ``.csv``: a row for each point, x before y (before z), after an optional name; a first row of titles is skipped.
 
     Returns
     -------
@@ -66,9 +68,9 @@ def read_points(path: str | Path) -> PointsFile:
     NaN is refused also in ``.pts``: a missing point is said explicitly, with ``null``, in one of the JSON formats.
     """
     file = Path(path)
-    readers = {".pts": _parse_pts, ".ljson": _parse_ljson, ".json": _parse_own}
+    readers = {".pts": _parse_pts, ".ljson": _parse_ljson, ".json": _parse_own, ".csv": _parse_csv}
     if file.suffix.lower() not in readers:
-        raise FileFormatError(f"{file} must be a landmark file ending in .pts, .ljson or .json.")
+        raise FileFormatError(f"{file} must be a landmark file ending in .pts, .ljson, .json or .csv.")
     text = _read_text(file)
     if not text.strip():
         raise FileFormatError(f"{file} must hold landmarks, got an empty file.")
@@ -87,8 +89,9 @@ def write_points(
     ----------
     path : str or Path
         The file.
-    points : ndarray of shape (L, 2), pixels
-        The centre of the first pixel is (0, 0). A point with confidence 0 is missing; ``.pts`` cannot say that.
+    points : ndarray of shape (L, 2), pixels, or (L, 3)
+        The centre of the first pixel is (0, 0). A point with confidence 0 is missing; ``.pts`` cannot say that, nor hold
+        points of three coordinates.
     scheme : str, optional
         Scheme name, kept by ``.json`` only.
     confidence : ndarray of shape (L,), optional
@@ -103,20 +106,21 @@ def write_points(
         If the file cannot be written.
     """
     file = Path(path)
-    sizes = check_shape("points", points, "L", 2)
+    suffix = file.suffix.lower()
+    sizes = check_shape("points", points, "L", 3 if suffix == ".json" and np.shape(points)[-1:] == (3,) else 2)
     weights = np.ones(sizes["L"]) if confidence is None else np.asarray(confidence, dtype=np.float64)
     check_shape("confidence", weights, "L", **sizes)
     missing = weights == 0
     if not np.isfinite(np.asarray(points)[~missing]).all():
         raise ValueRangeError("points must be finite or have confidence 0.")
-    suffix = file.suffix.lower()
     if suffix == ".pts":
         if missing.any():
             raise ValueRangeError(f"a .pts file cannot mark points as missing, got {int(missing.sum())}: use .json.")
         rows = "\n".join(f"{x + 1:.6f} {y + 1:.6f}" for x, y in np.asarray(points, dtype=np.float64).tolist())
         text = f"version: 1\nn_points: {sizes['L']}\n{{\n{rows}\n}}\n"
     elif suffix == ".json":
-        rounded = [None if gone else [round(x, 6), round(y, 6)] for gone, (x, y) in zip(missing, points.tolist())]
+        digits = 6 if points.shape[1] == 2 else 9
+        rounded = [None if gone else [round(x, digits) for x in row] for gone, row in zip(missing, points.tolist())]
         text = json.dumps(
             {
                 "format": _FORMAT,
@@ -203,8 +207,6 @@ def _parse_own(text: str, file: Path) -> PointsFile:
     if scheme is not None and not isinstance(scheme, str):
         raise FileFormatError(f"{file} must name its scheme by a string, got {scheme!r}.")
     points, present = _rows(data.get("points"), file)
-    if points.shape[1] != 2:
-        raise FileFormatError(f"{file} must hold points [x, y], got {points.shape[1]} coordinates.")
     stated = data.get("confidence")
     try:
         confidence = np.ones(len(points)) if stated is None else np.array(stated, dtype=np.float64)
@@ -215,6 +217,29 @@ def _parse_own(text: str, file: Path) -> PointsFile:
         raise FileFormatError(f"{file} must hold confidences in [0, 1].")
     confidence[~present] = 0.0
     return _checked(points, confidence, scheme, file)
+
+
+def _parse_csv(text: str, file: Path) -> PointsFile:
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    rows = [[field for field in re.split(r"[;,\s]+", line.strip()) if field] for line in lines]
+    if rows and not any(_is_number(field) for field in rows[0]):
+        rows = rows[1:]  # titles
+    named = [row[1:] if row and not _is_number(row[0]) else row for row in rows]
+    try:
+        points = np.array([[float(field) for field in row] for row in named], dtype=np.float64)
+    except ValueError as error:
+        raise FileFormatError(f"{file} must hold two or three numbers in each row, after an optional name.") from error
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
+        raise FileFormatError(f"{file} must hold two or three numbers in each row, after an optional name.")
+    return _checked(points, np.ones(len(points)), None, file)
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
 
 
 def _json(text: str, file: Path) -> Any:
