@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 
 _TILE_HEIGHT = 240
+_MAX_COLUMNS = 6
 _BEHIND_MM = 350.0
 # near to far; dark violet is farther than a head is deep
 _RAMP = np.array([[252, 253, 191], [254, 159, 109], [222, 73, 104], [140, 41, 129], [59, 15, 112], [24, 12, 44]])
@@ -119,7 +120,8 @@ def recording_sheet(frames: list[tuple[int, RGBDFrame]], near: float) -> NDArray
         below = Image.fromarray(depth).resize(shape, Image.Resampling.NEAREST)
         tiles.append(np.concatenate([np.asarray(color), np.asarray(below)]))
         captions.append(f"{i}: {frame.time - first:.2f} s")
-    return contact_sheet(tiles, captions, columns=min(len(tiles), 6))
+    rows = -(-len(tiles) // _MAX_COLUMNS)
+    return contact_sheet(tiles, captions, columns=-(-len(tiles) // rows))
 
 
 def _facts(recording: Recording, times: list[float], seen: list[float], near: list[float]) -> dict[str, Any]:

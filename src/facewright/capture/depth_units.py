@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,19 +11,20 @@ from numpy.typing import NDArray
 from facewright.errors import FileFormatError
 
 #: The nearest things of a recording of a face are this far away, mm; outside, the unit must be another one.
-PLAUSIBLE_MM = (100.0, 2500.0)
-#: Where a face is recorded, mm: a foreign unit must lead here.
-USUAL_MM = (150.0, 2000.0)
-# (factor to mm, what the numbers are), the likeliest first
-_UNITS = (
-    (1000.0, "metres"),
-    (0.1, "tenths of a millimetre"),
-    (0.001, "micrometres"),
-    (10.0, "centimetres"),
-)
+PLAUSIBLE_MM = (100.0, 2000.0)
+#: Where a foreign unit must lead, mm; of several units the one that leads nearest to `USUAL_MM` (by ratio) is taken.
+POSSIBLE_MM = (150.0, 2000.0)
+USUAL_MM = 500.0
+# factor to mm -> what the numbers are
+_UNITS = {
+    1000.0: "metres",
+    10.0: "centimetres",
+    0.2: "fifths of a millimetre (5000 per metre)",
+    0.1: "tenths of a millimetre",
+    0.001: "micrometres",
+}
 #: Pictures that do not say their unit: TUM's 5000 per metre, millimetres, tenths of a millimetre.
 _COUNTS_PER_METRE = (5000.0, 1000.0, 10000.0)
-_FACE_MM = (250.0, 1250.0)
 _MIN_LEVELS = 16
 
 
@@ -59,29 +61,29 @@ def depth_factor(depths: Sequence[NDArray[np.floating]], name: str) -> tuple[flo
         raise FileFormatError(f"{name} must have depth, got frames without any (all zero, negative or NaN).")
     if PLAUSIBLE_MM[0] <= near <= PLAUSIBLE_MM[1]:
         return 1.0, None
-    for factor, unit in _UNITS:
-        if USUAL_MM[0] <= near * factor <= USUAL_MM[1]:
-            _check_levels(depths, near, unit, name)
-            return factor, (
-                f"Depths of {name} look like {unit}, not millimetres (the nearest things at {near:.4g}): "
-                f"multiplied by {factor:g}."
-            )
-    raise FileFormatError(
-        f"{name} must have depths in millimetres of things {PLAUSIBLE_MM[0]:.0f} to {PLAUSIBLE_MM[1]:.0f} mm away, "
-        f"got the nearest at {near:.4g}, which makes sense in no usual unit."
+    factor = min(_UNITS, key=lambda f: abs(math.log(near * f / USUAL_MM)))
+    if not POSSIBLE_MM[0] <= near * factor <= POSSIBLE_MM[1]:
+        raise FileFormatError(
+            f"{name} must have depths in millimetres of things {PLAUSIBLE_MM[0]:.0f} to {PLAUSIBLE_MM[1]:.0f} mm away, "
+            f"got the nearest at {near:.4g}, which makes sense in no usual unit."
+        )
+    unit = _UNITS[factor]
+    _check_levels(depths, near, unit, name)
+    return factor, (
+        f"Depths of {name} look like {unit}, not millimetres (the nearest things at {near:.4g}): "
+        f"multiplied by {factor:g}."
     )
 
 
 def guess_counts_per_metre(counts: NDArray[np.floating | np.integer]) -> float:
     """Return how many counts of a depth picture that says nothing are one metre: 5000 (TUM), 1000 or 10000.
 
-    The first of them that puts the nearest things where a face is recorded; 5000 where none does.
+    The one that puts the nearest things nearest to `USUAL_MM`, by ratio; 5000 without depth.
     """
     near = nearest_depth([counts])
-    for per_metre in _COUNTS_PER_METRE:
-        if _FACE_MM[0] <= 1000.0 * near / per_metre < _FACE_MM[1]:
-            return per_metre
-    return _COUNTS_PER_METRE[0]
+    if near == 0.0:
+        return _COUNTS_PER_METRE[0]
+    return min(_COUNTS_PER_METRE, key=lambda n: abs(math.log(1000.0 * near / n / USUAL_MM)))
 
 
 def _check_levels(depths: Sequence[NDArray[np.floating]], near: float, unit: str, name: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 import zlib
 from pathlib import Path
@@ -16,7 +17,9 @@ from facewright.errors import FileFormatError, MissingExtraError, StoreError
 from facewright.io.frame_image import decode_color
 from facewright.io.image import MAX_PIXELS
 
+_DEPTH_NAME = re.compile(r"rgbd/([0-9]{1,9})\.depth")
 _LOW_CONFIDENCE = 0
+_MAX_JPEG_BYTES = 1 << 28
 
 
 class Record3DSource:
@@ -55,9 +58,7 @@ class Record3DSource:
             ) from error
         self._names = set(self._zip.namelist())
         self._meta = self._read_metadata()
-        numbers = sorted(
-            int(n[5:-6]) for n in self._names if n.startswith("rgbd/") and n[5:-6].isdigit() and n.endswith(".depth")
-        )
+        numbers = sorted(int(match[1]) for name in self._names if (match := _DEPTH_NAME.fullmatch(name)))
         self._numbers = [k for k in numbers if f"rgbd/{k}.jpg" in self._names]
         self.n_frames = len(self._numbers)
         alone = len(numbers) - self.n_frames
@@ -81,13 +82,13 @@ class Record3DSource:
     def color(self, i: int) -> NDArray[np.uint8]:
         """Return colour as stored."""
         name = f"rgbd/{self._numbers[i]}.jpg"
-        return decode_color(self._member(name, 64 * MAX_PIXELS), f"{name} of {self._path}")
+        return decode_color(self._member(name, _MAX_JPEG_BYTES), f"{name} of {self._path}")
 
     def intrinsics(self, i: int) -> Intrinsics | None:
         """Return the camera of frame `i`, on the depth's grid."""
         meta, k = self._meta, self._numbers[i]
-        per_frame = meta.get("perFrameIntrinsicCoeffs") or []
         try:
+            per_frame = meta.get("perFrameIntrinsicCoeffs") or []
             if k < len(per_frame):
                 fx, fy, cx, cy = map(float, per_frame[k][:4])
             elif "K" in meta:
@@ -113,8 +114,9 @@ class Record3DSource:
     def _read_metadata(self) -> dict[str, Any]:
         if "metadata" not in self._names:
             raise FileFormatError(f"{self._path} must be a Record3D file with metadata in it, got a ZIP without.")
+        text = self._member("metadata", _MAX_JPEG_BYTES)
         try:
-            meta = json.loads(self._member("metadata", 1 << 28))
+            meta = json.loads(text)
             w, h = int(meta.get("dw") or meta["w"]), int(meta.get("dh") or meta["h"])
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise FileFormatError(

@@ -118,10 +118,9 @@ def _associated(folder: Path) -> tuple[list[float], list[Path], list[Path], str]
         empty = "rgb" if not lists["rgb"] else "depth"
         raise FileFormatError(f"{folder / empty}.txt must name at least one picture, got none.")
     rgb, depth = (np.array([_time(row[0], folder / f"{n}.txt") for row in rows]) for n, rows in lists.items())
-    apart = np.abs(depth[:, None] - rgb[None, :])
-    color_of = apart.argmin(axis=1)
-    mutual = apart.argmin(axis=0)[color_of] == np.arange(len(depth))
-    kept = np.flatnonzero(mutual & (apart.min(axis=1) <= MAX_APART))
+    color_of, apart = _nearest(depth, rgb)
+    mutual = _nearest(rgb, depth)[0][color_of] == np.arange(len(depth))
+    kept = np.flatnonzero(mutual & (apart <= MAX_APART))
     kept = kept[np.argsort(depth[kept], kind="stable")]
     if not kept.size:
         raise FileFormatError(
@@ -136,6 +135,16 @@ def _associated(folder: Path) -> tuple[list[float], list[Path], list[Path], str]
         [_inside(folder, lists["depth"][i][1]) for i in kept],
         note,
     )
+
+
+def _nearest(times: NDArray[np.float64], others: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Return for each time the index of the nearest of `others`, and how far apart they are."""
+    order = np.argsort(others, kind="stable")
+    ahead = np.clip(np.searchsorted(others[order], times), 1, max(len(others) - 1, 1))
+    pair = order[np.minimum(np.stack([ahead - 1, ahead]), len(others) - 1)]
+    apart = np.abs(others[pair] - times)
+    second = apart[1] < apart[0]
+    return np.where(second, pair[1], pair[0]), np.where(second, apart[1], apart[0])
 
 
 def _by_order(folder: Path) -> tuple[list[float], list[Path], list[Path], str]:

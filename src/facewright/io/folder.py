@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 import shutil
@@ -51,6 +52,9 @@ def write_folder_atomically(folder: str | os.PathLike[str], *, overwrite: bool =
     try:
         temporary.mkdir(parents=True)
         yield temporary
+        for file in temporary.rglob("*"):
+            if file.is_file():
+                _flush_to_disk(file)
         _check(target, folder, overwrite)
         if target.exists() and any(target.iterdir()):
             target.rename(old)
@@ -59,7 +63,9 @@ def write_folder_atomically(folder: str | os.PathLike[str], *, overwrite: bool =
     except OSError as error:
         if isinstance(error, StoreError):
             raise
-        raise StoreError(f"{folder} cannot be written: {error.strerror or error}.") from error
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+        reason = "no space left on the disk; nothing was changed" if full else error.strerror or error
+        raise StoreError(f"{folder} cannot be written: {reason}.") from error
     finally:
         if not done and old.exists():
             with suppress(OSError):
@@ -82,3 +88,11 @@ def _check(target: Path, folder: str | os.PathLike[str], overwrite: bool) -> Non
         if isinstance(error, StoreError):
             raise
         raise StoreError(f"{folder} cannot be written: {error.strerror or error}.") from error
+
+
+def _flush_to_disk(file: Path) -> None:
+    descriptor = os.open(file, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
