@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from facewright.errors import FacewrightError, StoreError
+from facewright.errors import FacewrightError, StoreError, TopologyError
 from facewright.numeric.check import check_choice
 
 if TYPE_CHECKING:
@@ -137,17 +137,31 @@ def _read(request: ImportRequest, layout: str, folder: Path, warehouse: Warehous
 def _store(request: ImportRequest, layout: str, folders: list[Path]) -> Warehouse:
     """Open the database, or make one for the topology of the first person who has a readable mesh."""
     from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
-    from facewright.warehouse.import_facewarehouse import facewarehouse_names
+    from facewright.warehouse.import_facewarehouse import tester_shape_names
     from facewright.warehouse.layout import ROOT
     from facewright.warehouse.objects import open_objects
     from facewright.warehouse.store import Warehouse
 
     if open_objects(request.store).get([ROOT])[0] is not None:
-        return Warehouse.open(request.store, "a")
+        warehouse = Warehouse.open(request.store, "a")
+        if layout == "facewarehouse":
+            _check_shapes(warehouse, tester_shape_names(request.folder), request.folder)
+        return warehouse
     face = _face_of(request, layout, folders)
-    theirs = facewarehouse_names()
+    theirs = tester_shape_names(request.folder)
     names = theirs if layout == "facewarehouse" or _has_shapes(folders, theirs) else BLENDSHAPE_NAMES
     return Warehouse.create(request.store, face, blendshape_names=names, exist_ok=True)
+
+
+def _check_shapes(warehouse: Warehouse, names: tuple[str, ...], folder: Path) -> None:
+    """Refuse shapes of other meanings: in one tensor they would be mixed up, row by row."""
+    found = warehouse.blendshape_names[1:]
+    if found != names:
+        k = next(k for k, pair in enumerate(zip(found, names)) if pair[0] != pair[1])
+        raise TopologyError(
+            f"{folder} must hold the shapes of the database {warehouse.url}, whose shape {k + 1} is {found[k]}, got "
+            f"{names[k]}; import into a database of its own."
+        )
 
 
 def _face_of(request: ImportRequest, layout: str, folders: list[Path]) -> Face | Topology:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.errors import FacewrightError, FileFormatError, StoreError, TopologyError
-from facewright.faces.blendshape_names import load_name_map
+from facewright.faces.blendshape_names import load_name_map, read_json
 from facewright.faces.expressions import EXPRESSION_NAMES
 from facewright.io.facewarehouse_bs import N_LAND_POINTS, read_bs, read_land
 from facewright.io.mesh_data import MeshData
@@ -27,9 +27,24 @@ LARGEST_TURN, LARGEST_SHIFT_MM = np.deg2rad(1.0), 5.0
 _TESTER = re.compile(r"tester_?(\d+)", re.IGNORECASE)
 
 
-def facewarehouse_names() -> tuple[str, ...]:
-    """Return FaceWarehouse's names of its 46 shapes, in its order."""
-    return load_name_map("facewarehouse46").names
+def tester_shape_names(root: str | Path) -> tuple[str, ...]:
+    """Return the names of the 46 shapes below `root`, in their order.
+
+    They are FaceWarehouse's own, unless ``testers.json`` says others, as our export writes it.
+
+    Raises
+    ------
+    StoreError, FileFormatError
+        If there is such a file and it cannot be read or does not name 46 shapes.
+    """
+    path = Path(root) / "testers.json"
+    if not path.is_file():
+        return load_name_map("facewarehouse46").names
+    content = read_json(path)
+    names = content.get("shapes") if isinstance(content, dict) else None
+    if not isinstance(names, list) or len({str(name) for name in names}) != N_SHAPES or len(names) != N_SHAPES:
+        raise FileFormatError(f"{path} must name {N_SHAPES} different shapes under 'shapes'.")
+    return tuple(str(name) for name in names)
 
 
 def list_testers(root: str | Path) -> list[Path]:
@@ -83,7 +98,7 @@ def read_tester(tester: Path, topology: Topology, *, unit: str = "auto", picture
     Returns
     -------
     Subject
-        Shapes are in FaceWarehouse's own order, see `facewarehouse_names`; the provenance tells which poses were
+        Shapes are in FaceWarehouse's own order, see `tester_shape_names`; the provenance tells which poses were
         missing or had to be moved onto the blendshapes.
 
     Raises

@@ -64,7 +64,12 @@ def read_root(objects: Objects) -> dict[str, Any]:
 def _no_store(objects: Objects) -> StoreError | FileFormatError:
     if any(found is not None for found in objects.get([".zgroup", ".zarray"])):
         return FileFormatError(f"{objects.url} must be a facewright database (Zarr version 3), got Zarr version 2.")
-    if objects.names_in(""):
+    names = objects.names_in("")
+    if names and set(names) <= set(GROUPS):
+        return StoreError(
+            f"{objects.url} must be a facewright database, got one whose making was stopped; build again."
+        )
+    if names:
         return FileFormatError(f"{objects.url} must be a facewright database, got something else: no {ROOT} in it.")
     return StoreError(f"{objects.url} must be a facewright database, got nothing there; facewright build makes one.")
 
