@@ -193,7 +193,7 @@ def act(guide: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.flo
 
 def _turn(n_frames: int, turn_degrees: float, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return yaw, pitch and roll (T, 3), degrees: from the front to one side, to the other, and back."""
-    phase = np.linspace(0.0, 2.0 * np.pi, n_frames, endpoint=n_frames == 1)
+    phase = np.linspace(0.0, 2.0 * np.pi, n_frames)
     swing = np.arcsin(0.97 * np.sin(phase)) / np.arcsin(0.97)  # nearly even speed
     side = rng.choice([-1.0, 1.0])
     nod = _PITCH_SHARE * np.sin(phase + rng.uniform(-0.4, 0.4)) * rng.choice([-1.0, 1.0])
@@ -203,7 +203,7 @@ def _turn(n_frames: int, turn_degrees: float, rng: np.random.Generator) -> NDArr
 
 def _smooth_walk(n_frames: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return how the head sways besides turning, (T, 3), mm."""
-    t = np.linspace(0.0, 2.0 * np.pi, n_frames, endpoint=n_frames == 1)[:, None]
+    t = np.linspace(0.0, 2.0 * np.pi, n_frames)[:, None]
     amplitude, phase = rng.normal(0.0, 2.0, 3), rng.uniform(0, 2 * np.pi, 3)
     return amplitude * (np.sin(t + phase) - np.sin(phase))
 
