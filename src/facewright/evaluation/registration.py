@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from facewright.errors import ValueRangeError
 from facewright.faces.face import Face
+from facewright.fitting.hand_landmarks import landmarks_from_points
 from facewright.fitting.registration import RegistrationOptions, TemplateRegistration
 from facewright.fitting.scan import ScanFitOptions, ScanFitter
 from facewright.fitting.scan_target import ScanTarget
-from facewright.landmarks.scheme import load_map
 from facewright.mesh.closest_point import ClosestPoints
 from facewright.mesh.normals import vertex_normals
 
@@ -65,7 +65,7 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     fitter = ScanFitter(face, ScanFitOptions(n_modes=len(basis), region="head"))
     rng = np.random.default_rng(seed)
     TemplateRegistration(mean, faces, options).register(mean, faces, marks, mean[marks])  # compiles
-    fitter.fit_neutral(_scan_target(mean, faces, mean[marks]))
+    fitter.fit_neutral(_scan_target(face, mean, faces, mean[marks]))
     scores: dict[str, list[tuple[float, float, float]]] = {}
 
     def score(name: str, start: float, vertices: NDArray[np.float64], target: NDArray[np.float64]) -> None:
@@ -83,7 +83,7 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         score("landmarks_only_", start, ours.start, target)
         score("mean_face_", start, mean, target)
         start = perf_counter()
-        fit = fitter.fit_neutral(_scan_target(target, faces, target[marks]))
+        fit = fitter.fit_neutral(_scan_target(face, target, faces, target[marks]))
         score("with_model_", start, fit.posed[:n], target)
         start = perf_counter()
         peer = _nricp(mean, faces, target, marks)
@@ -101,12 +101,12 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     return metrics
 
 
-def _scan_target(vertices: NDArray[np.float64], faces: NDArray[np.int32], marks: NDArray[np.float64]) -> ScanTarget:
+def _scan_target(
+    face: Face, vertices: NDArray[np.float64], faces: NDArray[np.int32], marks: NDArray[np.float64]
+) -> ScanTarget:
     """Return a mesh with its 68 landmarks (68, 3) as what the scan fitter takes."""
-    mapping = load_map("ibug68", "fw74")
-    points = mapping.weights @ marks
-    points[~mapping.available] = np.nan
-    return ScanTarget(vertices, vertex_normals(vertices, faces), faces, points, mapping.available.astype(np.float64))
+    points, confidence = landmarks_from_points(face, marks)
+    return ScanTarget(vertices, vertex_normals(vertices, faces), faces, points, confidence)
 
 
 def _nricp(

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from facewright.errors import FacewrightError, ShapeError
 from facewright.faces.face import Face
+from facewright.fitting.registration import bend_by_landmarks
 from facewright.fitting.scan_placement import Placement, place_points
-from facewright.landmarks.scheme import load_map, load_scheme
+from facewright.landmarks.scheme import load_scheme
 from facewright.numeric.check import check_finite, check_shape
 
 Array = NDArray[np.float64]
@@ -17,6 +18,8 @@ _NOSE_TIP, _MOUTH = 45, (54, 60)
 #: What the first two of five points may be: inner corners, centres, outer corners of the eyes (the person's right one
 #: first), as points of ``fw74`` to average.
 _EYES = (([31], [39]), (list(range(27, 35)), list(range(35, 43))), ([27], [35]))
+#: A landmark this far from those that it is interpolated from has half their weight.
+_INTERPOLATED_MM = 3.0
 #: Weight of the points that five given ones only imply.
 _IMPLIED = 0.05
 
@@ -63,13 +66,34 @@ def landmarks_from_points(
         return _from_five(face, array)
     weights = np.where(np.isfinite(array).all(axis=1), weights, 0.0)
     if n == 68:
-        mapping = load_map("ibug68", "fw74")
-        missing = weights == 0
-        usable = mapping.available & ~(mapping.weights[:, missing] != 0).any(axis=1)
-        moved = mapping.weights @ np.where(missing[:, None], 0.0, array)
-        lowest = np.where(mapping.weights != 0, weights[None], np.inf).min(axis=1)
-        array, weights = moved, np.where(usable, lowest, 0.0)
+        return _from_68(face, array, weights)
     return np.where(weights[:, None] > 0, array, np.nan), weights
+
+
+def _from_68(face: Face, points: Array, weights: Array) -> tuple[Array, Array]:
+    """Return ``fw74`` landmarks of ``ibug68`` ones: where the mean face has them, bent by those that are given.
+
+    Of the two schemes only some points have the same place on the face; the others lie millimetres apart.
+    """
+    ids = face.topology.landmarks["ibug68"]
+    fixed = load_scheme("ibug68").fixed
+    given = fixed[(weights[fixed] > 0) & (ids[fixed] >= 0)]
+    mean = face.mean_shape.astype(np.float64)
+    placement = place_points(mean[ids[given]], points[given], weights[given])
+    to_model = placement.scan_from_model.inverse()
+    wanted = face.topology.landmarks["fw74"]
+    known = wanted >= 0
+    known[load_scheme("fw74").sliding] = False
+    corners = np.concatenate([mean[ids[given]], mean[wanted[known]]]) * placement.size
+    # inner mouth corners may share a vertex with outer ones
+    _, distinct = np.unique(ids[given], return_index=True)
+    bent = bend_by_landmarks(corners, distinct, to_model.apply(points[given][distinct]))[len(given) :]
+    away = np.linalg.norm(corners[len(given) :, None] - corners[None, : len(given)], axis=2)
+    landmarks, confidence = np.full((74, 3), np.nan), np.zeros(74)
+    landmarks[known] = placement.scan_from_model.apply(bent)
+    nearest = away.argmin(axis=1)
+    confidence[known] = weights[given][nearest] / (1.0 + (away.min(axis=1) / _INTERPOLATED_MM) ** 2)
+    return landmarks, confidence
 
 
 def _from_five(face: Face, points: Array) -> tuple[Array, Array]:

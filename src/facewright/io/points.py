@@ -47,7 +47,7 @@ def read_points(path: str | Path) -> PointsFile:
     ----------
     path : str or Path
         The file. ``.pts``: one-based pixels, turned into the project's zero-based ones. ``.ljson``: y before x,
-        turned round; ``null`` marks a missing point. ``.json``: the project's own, as `write_points` writes it.
+        turned round; ``null`` marks a missing point; 68 labelled points are brought into iBUG's order. ``.json``: the project's own, as `write_points` writes it.
         ``.csv``: a row for each point, x before y (before z), after an optional name; a first row of titles is skipped.
 
     Returns
@@ -90,8 +90,8 @@ def write_points(
     path : str or Path
         The file.
     points : ndarray of shape (L, 2), pixels, or (L, 3)
-        The centre of the first pixel is (0, 0). A point with confidence 0 is missing; ``.pts`` cannot say that, nor hold
-        points of three coordinates.
+        The centre of the first pixel is (0, 0). A point with confidence 0 is missing; ``.pts`` cannot say that, nor
+        hold points of three coordinates.
     scheme : str, optional
         Scheme name, kept by ``.json`` only.
     confidence : ndarray of shape (L,), optional
@@ -190,10 +190,43 @@ def _parse_ljson(text: str, file: Path) -> PointsFile:
     else:
         landmarks = data.get("landmarks") if isinstance(data, dict) else None
         listed = landmarks.get("points") if isinstance(landmarks, dict) else None
+        listed = _in_ibug_order(listed, data.get("labels"))
     points, present = _rows(listed, file)
     if points.shape[1] == 2:
         points = points[:, ::-1]  # y before x
     return _checked(points, present.astype(np.float64), None, file)
+
+
+#: Names that Menpo's files give the groups of 68 points, in iBUG's order of the groups, and their sizes. Left and right
+#: are the picture's.
+_LABELS = (
+    (("jaw", "chin"), 17),
+    (("lefteyebrow", "leyebrow"), 5),
+    (("righteyebrow", "reyebrow"), 5),
+    (("nose",), 9),
+    (("lefteye", "leye"), 6),
+    (("righteye", "reye"), 6),
+    (("mouth",), 20),
+)
+
+
+def _in_ibug_order(listed: Any, labels: Any) -> Any:
+    """Bring 68 labelled points into iBUG's order: files of 3D scans list the eyes before the brows."""
+    if not isinstance(listed, list) or len(listed) != 68 or not isinstance(labels, list):
+        return listed
+    masks = {}
+    for label in labels:
+        if isinstance(label, dict) and isinstance(label.get("mask"), list):
+            masks[re.sub(r"[^a-z]", "", str(label.get("label", "")).lower())] = label["mask"]
+    order: list[Any] = []
+    for names, size in _LABELS:
+        mask = next((masks[name] for name in names if name in masks), [])
+        if len(mask) != size:
+            return listed
+        order += mask
+    if any(not isinstance(k, int) for k in order) or sorted(order) != list(range(68)):
+        return listed
+    return [listed[k] for k in order]
 
 
 def _parse_own(text: str, file: Path) -> PointsFile:
