@@ -7,23 +7,22 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def _match(depth, v, u, camera, R, t, model_depth, model_camera, Rm, tm, point, seen):  # type: ignore[no-untyped-def]
-    """Move pixel (v, u) to the volume's frame (`point`), look the model up along its ray; return row, column or -1.
+def _match(p, R, t, model_depth, model_camera, Rm, tm, point, seen):  # type: ignore[no-untyped-def]
+    """Move a frame's point to the volume's frame (`point`), look the model up on its ray; return row, column or -1.
 
     (R, t): volume_from_frame; (Rm, tm): model camera_from_volume; `seen`: the point in the model's camera.
     """
-    z = depth[v, u]
-    x, y = (u - camera[2]) / camera[0] * z, (v - camera[3]) / camera[1] * z
     for k in range(3):
-        point[k] = R[k, 0] * x + R[k, 1] * y + R[k, 2] * z + t[k]
+        point[k] = R[k, 0] * p[0] + R[k, 1] * p[1] + R[k, 2] * p[2] + t[k]
     for k in range(3):
         seen[k] = Rm[k, 0] * point[0] + Rm[k, 1] * point[1] + Rm[k, 2] * point[2] + tm[k]
-    if seen[2] <= 0.0:
+    if seen[2] <= 1.0:
         return -1, -1
-    column = int(np.floor(model_camera[0] * seen[0] / seen[2] + model_camera[2] + 0.5))
-    row = int(np.floor(model_camera[1] * seen[1] / seen[2] + model_camera[3] + 0.5))
-    if column < 0 or row < 0 or row >= model_depth.shape[0] or column >= model_depth.shape[1]:
+    u = model_camera[0] * seen[0] / seen[2] + model_camera[2]
+    v = model_camera[1] * seen[1] / seen[2] + model_camera[3]
+    if not (-0.5 < u < model_depth.shape[1] - 0.5 and -0.5 < v < model_depth.shape[0] - 0.5):
         return -1, -1
+    row, column = int(v + 0.5), int(u + 0.5)
     if model_depth[row, column] <= 0.0:
         return -1, -1
     return row, column
@@ -31,52 +30,49 @@ def _match(depth, v, u, camera, R, t, model_depth, model_camera, Rm, tm, point, 
 
 @njit(cache=True, nogil=True)
 def normal_equations(  # type: ignore[no-untyped-def]
-    depth, camera, R, t, model_depth, normals, model_camera, Rm, tm, centre, step, gate, scale, H, g
+    points, R, t, model_depth, normals, model_camera, Rm, tm, centre, step, gate, scale, H, g
 ):
-    """Sum the point-to-plane normal equations of a small turn about `centre` and shift of the frame.
+    """Sum the point-to-plane normal equations of a small turn about `centre` and shift of a frame's points (N, 3).
 
-    Pixels on a grid of `step`; pairs further apart than `gate` mm are left out, residuals are weighted by Tukey's
-    function of `scale` mm. Returns pairs within reach, the sum of their weights, and the weighted squares.
+    Every `step`-th point; pairs further apart than `gate` mm are left out, residuals are weighted by Tukey's function
+    of `scale` mm. Returns pairs within reach, the sum of their weights, and the weighted squares.
     """
     H[:] = 0.0
     g[:] = 0.0
     point, seen, row_of = np.empty(3), np.empty(3), np.empty(6)
     pairs, total, squares = 0, 0.0, 0.0
-    for v in range(0, depth.shape[0], step):
-        for u in range(0, depth.shape[1], step):
-            if depth[v, u] <= 0.0:
-                continue
-            i, j = _match(depth, v, u, camera, R, t, model_depth, model_camera, Rm, tm, point, seen)
-            if i < 0:
-                continue
-            z = model_depth[i, j]
-            dx = seen[0] - (j - model_camera[2]) / model_camera[0] * z
-            dy = seen[1] - (i - model_camera[3]) / model_camera[1] * z
-            dz = seen[2] - z
-            if dx * dx + dy * dy + dz * dz > gate * gate:
-                continue
-            n0, n1, n2 = normals[i, j, 0], normals[i, j, 1], normals[i, j, 2]
-            # the offset turned to the volume's frame (Rm transposed), on the normal
-            r = (
-                n0 * (Rm[0, 0] * dx + Rm[1, 0] * dy + Rm[2, 0] * dz)
-                + n1 * (Rm[0, 1] * dx + Rm[1, 1] * dy + Rm[2, 1] * dz)
-                + n2 * (Rm[0, 2] * dx + Rm[1, 2] * dy + Rm[2, 2] * dz)
-            )
-            pairs += 1
-            if abs(r) >= scale:
-                continue
-            w = (1.0 - (r / scale) ** 2) ** 2
-            a0, a1, a2 = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-            row_of[0] = a1 * n2 - a2 * n1
-            row_of[1] = a2 * n0 - a0 * n2
-            row_of[2] = a0 * n1 - a1 * n0
-            row_of[3], row_of[4], row_of[5] = n0, n1, n2
-            for k in range(6):
-                g[k] += w * row_of[k] * r
-                for m in range(k, 6):
-                    H[k, m] += w * row_of[k] * row_of[m]
-            total += w
-            squares += w * r * r
+    for p in range(0, points.shape[0], step):
+        i, j = _match(points[p], R, t, model_depth, model_camera, Rm, tm, point, seen)
+        if i < 0:
+            continue
+        z = model_depth[i, j]
+        dx = seen[0] - (j - model_camera[2]) / model_camera[0] * z
+        dy = seen[1] - (i - model_camera[3]) / model_camera[1] * z
+        dz = seen[2] - z
+        if dx * dx + dy * dy + dz * dz > gate * gate:
+            continue
+        n0, n1, n2 = normals[i, j, 0], normals[i, j, 1], normals[i, j, 2]
+        # the offset turned to the volume's frame (Rm transposed), on the normal
+        r = (
+            n0 * (Rm[0, 0] * dx + Rm[1, 0] * dy + Rm[2, 0] * dz)
+            + n1 * (Rm[0, 1] * dx + Rm[1, 1] * dy + Rm[2, 1] * dz)
+            + n2 * (Rm[0, 2] * dx + Rm[1, 2] * dy + Rm[2, 2] * dz)
+        )
+        pairs += 1
+        if abs(r) >= scale:
+            continue
+        w = (1.0 - (r / scale) ** 2) ** 2
+        a0, a1, a2 = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+        row_of[0] = a1 * n2 - a2 * n1
+        row_of[1] = a2 * n0 - a0 * n2
+        row_of[2] = a0 * n1 - a1 * n0
+        row_of[3], row_of[4], row_of[5] = n0, n1, n2
+        for k in range(6):
+            g[k] += w * row_of[k] * r
+            for m in range(k, 6):
+                H[k, m] += w * row_of[k] * row_of[m]
+        total += w
+        squares += w * r * r
     for k in range(6):
         for m in range(k):
             H[k, m] = H[m, k]
@@ -84,17 +80,94 @@ def normal_equations(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def axial_residuals(depth, camera, R, t, model_depth, model_camera, Rm, tm, gate, out):  # type: ignore[no-untyped-def]
-    """Write each pixel's depth minus the model's along the model camera's axis; NaN where there is no pair."""
+def align_points(  # type: ignore[no-untyped-def]
+    points, R, t, model_depth, normals, model_camera, Rm, tm, centre, levels, small_turn, small_shift
+):
+    """Overwrite (R, t) by point-to-plane ICP; return the weight share of the last level's points, and their rms.
+
+    levels: rows of step, gate, scale, most steps. Here and not in NumPy, whose solver waits for its threads longer
+    than all of this takes.
+    """
+    H, g, turn = np.zeros((6, 6)), np.zeros(6), np.empty((3, 3))
+    total, squares, step = 0.0, 0.0, 1
+    for level in range(levels.shape[0]):
+        step = int(levels[level, 0])
+        for _ in range(int(levels[level, 3])):
+            pairs, total, squares = normal_equations(
+                points, R, t, model_depth, normals, model_camera, Rm, tm, centre, step,
+                levels[level, 1], levels[level, 2], H, g,
+            )  # fmt: skip
+            if pairs < 50:
+                return 0.0, np.inf
+            if not _solve(H, g):
+                return 0.0, np.inf
+            _rotation(-g[0], -g[1], -g[2], turn)
+            moved = np.empty(3)
+            for k in range(3):
+                moved[k] = centre[k] - g[3 + k]
+                for m in range(3):
+                    moved[k] += turn[k, m] * (t[m] - centre[m])
+            new = np.zeros((3, 3))
+            for k in range(3):
+                t[k] = moved[k]
+                for m in range(3):
+                    for n in range(3):
+                        new[k, m] += turn[k, n] * R[n, m]
+            R[:] = new
+            if np.abs(g[:3]).max() < small_turn and np.abs(g[3:]).max() < small_shift:
+                break
+    used = (points.shape[0] + step - 1) // step
+    return total / max(used, 1), np.sqrt(squares / max(total, 1e-12))
+
+
+@njit(cache=True, nogil=True)
+def _solve(H, g):  # type: ignore[no-untyped-def]
+    """Overwrite g by the solution of H x = g (6, 6), by Cholesky's factor in place of H; False where it is singular."""
+    for k in range(6):
+        # the smallest ridge that keeps a flat or round patch from sliding without bound
+        H[k, k] *= 1.0 + 1e-6
+    for k in range(6):
+        for m in range(k):
+            for n in range(m):
+                H[k, m] -= H[k, n] * H[m, n]
+            H[k, m] /= H[m, m]
+        for n in range(k):
+            H[k, k] -= H[k, n] ** 2
+        if not H[k, k] > 1e-12:
+            return False
+        H[k, k] = np.sqrt(H[k, k])
+    for k in range(6):
+        for n in range(k):
+            g[k] -= H[k, n] * g[n]
+        g[k] /= H[k, k]
+    for k in range(5, -1, -1):
+        for n in range(k + 1, 6):
+            g[k] -= H[n, k] * g[n]
+        g[k] /= H[k, k]
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _rotation(x, y, z, out):  # type: ignore[no-untyped-def]
+    """Write the matrix of a rotation vector (Rodrigues' formula)."""
+    square = x * x + y * y + z * z
+    angle = np.sqrt(square)
+    a = 1.0 - square / 6.0 if angle < 1e-4 else np.sin(angle) / angle
+    b = 0.5 - square / 24.0 if angle < 1e-4 else (1.0 - np.cos(angle)) / square
+    out[0, 0], out[0, 1], out[0, 2] = 1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y
+    out[1, 0], out[1, 1], out[1, 2] = b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x
+    out[2, 0], out[2, 1], out[2, 2] = b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)
+
+
+@njit(cache=True, nogil=True)
+def axial_residuals(points, R, t, model_depth, model_camera, Rm, tm, gate, out):  # type: ignore[no-untyped-def]
+    """Write each point's depth minus the model's along the model camera's axis; NaN where there is no pair."""
     point, seen = np.empty(3), np.empty(3)
-    for v in range(depth.shape[0]):
-        for u in range(depth.shape[1]):
-            out[v, u] = np.nan
-            if depth[v, u] <= 0.0:
-                continue
-            i, j = _match(depth, v, u, camera, R, t, model_depth, model_camera, Rm, tm, point, seen)
-            if i >= 0 and abs(seen[2] - model_depth[i, j]) <= gate:
-                out[v, u] = seen[2] - model_depth[i, j]
+    for p in range(points.shape[0]):
+        out[p] = np.nan
+        i, j = _match(points[p], R, t, model_depth, model_camera, Rm, tm, point, seen)
+        if i >= 0 and abs(seen[2] - model_depth[i, j]) <= gate:
+            out[p] = seen[2] - model_depth[i, j]
 
 
 @njit(cache=True, nogil=True)
@@ -154,3 +227,24 @@ def smooth_depth(depth, spatial, reach_mm, first, last, out):  # type: ignore[no
                         total += w * (d - z)
                         weights += w
             out[v, u] = z + total / weights
+
+
+@njit(cache=True, nogil=True)
+def halve_depth(depth, step, out):  # type: ignore[no-untyped-def]
+    """Write the mean of each 2 x 2 pixels' depths that are within `step` mm of the nearest of them; 0 for none."""
+    for v in range(out.shape[0]):
+        for u in range(out.shape[1]):
+            nearest = 0.0
+            for a in range(2):
+                for b in range(2):
+                    z = depth[2 * v + a, 2 * u + b]
+                    if z > 0.0 and (nearest == 0.0 or z < nearest):
+                        nearest = z
+            total, n = 0.0, 0
+            for a in range(2):
+                for b in range(2):
+                    z = depth[2 * v + a, 2 * u + b]
+                    if z > 0.0 and z - nearest <= step:
+                        total += z - nearest
+                        n += 1
+            out[v, u] = nearest + total / n if n else 0.0

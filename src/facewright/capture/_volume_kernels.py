@@ -7,6 +7,8 @@ from numba import njit
 
 #: Voxels along a block's edge.
 BLOCK = 8
+#: Pixels along a tile's edge.
+TILE = 8
 
 
 @njit(cache=True, nogil=True)
@@ -17,7 +19,7 @@ def mark_blocks(depth, camera, R, t, origin, voxel, truncation, marked):  # type
     """
     height, width = depth.shape
     size = voxel * BLOCK
-    pad = 2.0 * voxel
+    pad = 1.0 * voxel
     nz, ny, nx = marked.shape
     for v in range(0, height, 2):
         for u in range(0, width, 2):
@@ -38,15 +40,10 @@ def mark_blocks(depth, camera, R, t, origin, voxel, truncation, marked):  # type
 
 
 @njit(cache=True, nogil=True)
-def depth_at(depth, u, v, step):  # type: ignore[no-untyped-def]
-    """Depth between pixels: bilinear, or the nearest pixel's where a neighbour is missing or off by more than step."""
-    height, width = depth.shape
-    iu, iv = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
-    if iu < 0 or iv < 0 or iu >= width or iv >= height:
-        return 0.0
-    nearest = depth[iv, iu]
-    u0, v0 = int(np.floor(u)), int(np.floor(v))
-    if nearest <= 0.0 or u0 < 0 or v0 < 0 or u0 + 1 >= width or v0 + 1 >= height:
+def _between_pixels(depth, u, v, nearest, step):  # type: ignore[no-untyped-def]
+    """Depth between pixels: bilinear, or `nearest` where a neighbour is missing or off by more than `step`."""
+    u0, v0 = int(u), int(v)
+    if u < 0.0 or v < 0.0 or u0 + 1 >= depth.shape[1] or v0 + 1 >= depth.shape[0]:
         return nearest
     a, b, c, d = depth[v0, u0], depth[v0, u0 + 1], depth[v0 + 1, u0], depth[v0 + 1, u0 + 1]
     if min(min(a, b), min(c, d)) < nearest - step or max(max(a, b), max(c, d)) > nearest + step:
@@ -63,39 +60,54 @@ def integrate_blocks(  # type: ignore[no-untyped-def]
 
     camera: fx, fy, cx, cy; (R, t): camera_from_volume; share (H, W): each pixel's weight. tsdf is in truncations.
     """
+    height, width = depth.shape
+    reach = truncation + step
     for k in range(first, last):
         for c in range(BLOCK):
             z_v = origin[2] + voxel * (blocks[k, 0] * BLOCK + c)
+            m = blocks[k, 0] * BLOCK + c
             for b in range(BLOCK):
+                j, i0 = blocks[k, 1] * BLOCK + b, blocks[k, 2] * BLOCK
                 y_v = origin[1] + voxel * (blocks[k, 1] * BLOCK + b)
                 x_v = origin[0] + voxel * (blocks[k, 2] * BLOCK)
                 x = R[0, 0] * x_v + R[0, 1] * y_v + R[0, 2] * z_v + t[0]
                 y = R[1, 0] * x_v + R[1, 1] * y_v + R[1, 2] * z_v + t[1]
                 z = R[2, 0] * x_v + R[2, 1] * y_v + R[2, 2] * z_v + t[2]
                 for a in range(BLOCK):
-                    if z > 0.0:
-                        u, v = camera[0] * x / z + camera[2], camera[1] * y / z + camera[3]
-                        d = depth_at(depth, u, v, step)
-                        if d > 0.0 and d - z >= -truncation:
-                            w = share[int(np.floor(v + 0.5)), int(np.floor(u + 0.5))]
-                            if w > 0.0:
-                                m, j = blocks[k, 0] * BLOCK + c, blocks[k, 1] * BLOCK + b
-                                i = blocks[k, 2] * BLOCK + a
-                                value = min(1.0, (d - z) / truncation)
-                                total = weight[m, j, i] + w
-                                tsdf[m, j, i] += (value - tsdf[m, j, i]) * w / total
-                                weight[m, j, i] = total
+                    if z > 1.0:
+                        inverse = 1.0 / z
+                        u, v = camera[0] * x * inverse + camera[2], camera[1] * y * inverse + camera[3]
+                        if -0.5 < u < width - 0.5 and -0.5 < v < height - 0.5:
+                            column, row = int(u + 0.5), int(v + 0.5)
+                            d, w = depth[row, column], share[row, column]
+                            if d > 0.0 and w > 0.0 and d - z > -reach:
+                                if d - z < reach:
+                                    d = _between_pixels(depth, u, v, d, step)
+                                if d - z >= -truncation:
+                                    value = min(1.0, (d - z) / truncation)
+                                    total = weight[m, j, i0 + a] + w
+                                    tsdf[m, j, i0 + a] += (value - tsdf[m, j, i0 + a]) * w / total
+                                    weight[m, j, i0 + a] = total
                     x += R[0, 0] * voxel
                     y += R[1, 0] * voxel
                     z += R[2, 0] * voxel
 
 
 @njit(cache=True, nogil=True)
+def _nearest_value(tsdf, weight, x, y, z, least):  # type: ignore[no-untyped-def]
+    """Value of the voxel nearest to voxel coordinates; 2 where it was seen less than `least`."""
+    i, j, m = int(x + 0.5), int(y + 0.5), int(z + 0.5)
+    if m >= tsdf.shape[0] or j >= tsdf.shape[1] or i >= tsdf.shape[2] or weight[m, j, i] < least:
+        return 2.0
+    return tsdf[m, j, i]
+
+
+@njit(cache=True, nogil=True)
 def _value_at(tsdf, weight, x, y, z, least):  # type: ignore[no-untyped-def]
     """Trilinear value at voxel coordinates; 2 where one of the eight voxels was seen less than `least`."""
-    i, j, m = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+    i, j, m = int(x), int(y), int(z)
     nz, ny, nx = tsdf.shape
-    if i < 0 or j < 0 or m < 0 or i + 1 >= nx or j + 1 >= ny or m + 1 >= nz:
+    if x < 0.0 or y < 0.0 or z < 0.0 or i + 1 >= nx or j + 1 >= ny or m + 1 >= nz:
         return 2.0
     total = 0.0
     fx, fy, fz = x - i, y - j, z - m
@@ -110,12 +122,45 @@ def _value_at(tsdf, weight, x, y, z, least):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
+def depth_ranges(active, camera, R, t, origin, voxel, height, width, near, far):  # type: ignore[no-untyped-def]
+    """Write, for every tile of TILE x TILE pixels, between which depths the active blocks lie that it may see.
+
+    (R, t): camera_from_volume; near, far: filled with infinity and 0 before.
+    """
+    size = voxel * BLOCK
+    radius = 0.5 * np.sqrt(3.0) * size
+    for m in range(active.shape[0]):
+        for j in range(active.shape[1]):
+            for i in range(active.shape[2]):
+                if not active[m, j, i]:
+                    continue
+                p0 = origin[0] + (i + 0.5) * size
+                p1 = origin[1] + (j + 0.5) * size
+                p2 = origin[2] + (m + 0.5) * size
+                z = R[2, 0] * p0 + R[2, 1] * p1 + R[2, 2] * p2 + t[2]
+                if z < 2.0 * radius:
+                    continue
+                x = R[0, 0] * p0 + R[0, 1] * p1 + R[0, 2] * p2 + t[0]
+                y = R[1, 0] * p0 + R[1, 1] * p1 + R[1, 2] * p2 + t[1]
+                u, v = camera[0] * x / z + camera[2], camera[1] * y / z + camera[3]
+                # the block's sphere, as large as it looks at its nearest
+                ru, rv = camera[0] * radius / (z - radius) + 1.0, camera[1] * radius / (z - radius) + 1.0
+                if u + ru < 0.0 or v + rv < 0.0 or u - ru > width - 1 or v - rv > height - 1:
+                    continue
+                for a in range(max(int((v - rv) / TILE), 0), min(int((v + rv) / TILE) + 1, near.shape[0])):
+                    for b in range(max(int((u - ru) / TILE), 0), min(int((u + ru) / TILE) + 1, near.shape[1])):
+                        near[a, b] = min(near[a, b], z - radius)
+                        far[a, b] = max(far[a, b], z + radius)
+
+
+@njit(cache=True, nogil=True)
 def cast_rays(  # type: ignore[no-untyped-def]
     tsdf, weight, active, first, last, camera, R, t, origin, voxel, truncation, least, near, far, depth, normals
 ):
     """Write depth and normal (volume frame) of the rows [first, last) that a camera sees; 0 where it sees nothing.
 
-    camera: fx, fy, cx, cy; (R, t): volume_from_camera. The zero crossing is found on trilinear values.
+    camera: fx, fy, cx, cy; (R, t): volume_from_camera; near, far: from `depth_ranges`. The zero crossing is found on
+    trilinear values.
     """
     width = depth.shape[1]
     bz, by, bx = active.shape
@@ -124,9 +169,11 @@ def cast_rays(  # type: ignore[no-untyped-def]
     for v in range(first, last):
         for u in range(width):
             depth[v, u] = 0.0
+            enter, leave = near[v // TILE, u // TILE], far[v // TILE, u // TILE]
+            if enter >= leave:
+                continue
             x_c, y_c = (u - camera[2]) / camera[0], (v - camera[3]) / camera[1]
             length = np.sqrt(x_c * x_c + y_c * y_c + 1.0)
-            enter, leave = near, far
             for k in range(3):
                 # position = o + d * depth, in voxels
                 d[k] = (R[k, 0] * x_c + R[k, 1] * y_c + R[k, 2]) / voxel
@@ -138,7 +185,7 @@ def cast_rays(  # type: ignore[no-untyped-def]
                 elif o[k] < 0.0 or o[k] > span:
                     leave = -1.0
             s = enter + 1e-6
-            smallest = 0.5 * voxel / length
+            smallest = voxel / length
             before, before_s = 2.0, s
             while s < leave:
                 x, y, z = o[0] + d[0] * s, o[1] + d[1] * s, o[2] + d[2] * s
@@ -155,26 +202,37 @@ def cast_rays(  # type: ignore[no-untyped-def]
                     s = max(out, s) + 1e-3 * smallest + 1e-6
                     before = 2.0
                     continue
-                value = _value_at(tsdf, weight, x, y, z, least)
-                if value <= 0.0 and before < 1.5:
-                    if before > 0.0:
-                        lo, hi, f_lo, f_hi = before_s, s, before, value
-                        for _ in range(3):
-                            mid = lo + (hi - lo) * f_lo / (f_lo - f_hi)
-                            f = _value_at(tsdf, weight, o[0] + d[0] * mid, o[1] + d[1] * mid, o[2] + d[2] * mid, least)
-                            if f > 1.5 or abs(f) < 1e-4:
-                                break
-                            if f > 0.0:
-                                lo, f_lo = mid, f
-                            else:
-                                hi, f_hi = mid, f
-                        _write_hit(tsdf, weight, o, d, mid, least, v, u, depth, normals)
-                    break
-                before, before_s = value, s
-                if value > 1.5 or value <= 0.0:
-                    s += 2.0 * smallest
+                value = _nearest_value(tsdf, weight, x, y, z, least)
+                if value < 0.5:
+                    value = _value_at(tsdf, weight, x, y, z, least)
+                if value > 1.5:
+                    s += smallest
+                elif value > 0.0:
+                    before_s = s
+                    s += max(0.7 * value * truncation / length, 0.5 * smallest)
+                elif before > 1.5:
+                    s += smallest  # behind a surface that was not seen from this side
+                    continue
                 else:
-                    s += max(0.7 * value * truncation / length, smallest)
+                    hit = _crossing(tsdf, weight, o, d, before_s, s, before, value, least)
+                    _write_hit(tsdf, weight, o, d, hit, least, v, u, depth, normals)
+                    break
+                before = value
+
+
+@njit(cache=True, nogil=True)
+def _crossing(tsdf, weight, o, d, low, high, f_low, f_high, least):  # type: ignore[no-untyped-def]
+    """Depth between `low` (outside) and `high` (inside) at which the distance is 0: the secant rule, twice."""
+    for _ in range(2):
+        s = low + (high - low) * f_low / (f_low - f_high)
+        f = _value_at(tsdf, weight, o[0] + d[0] * s, o[1] + d[1] * s, o[2] + d[2] * s, least)
+        if f > 1.5:
+            break
+        if f > 0.0:
+            low, f_low = s, f
+        else:
+            high, f_high = s, f
+    return low + (high - low) * f_low / (f_low - f_high)
 
 
 @njit(cache=True, nogil=True)

@@ -210,7 +210,7 @@ def _find_face(
 def _window(region: HeadRegion, size: tuple[int, int]) -> Rectangle:
     """Return the part of the picture that the head may be in while it turns."""
     left, top, right, bottom = region.box
-    side = 0.5 * max(right - left, bottom - top)
+    side = 0.35 * max(right - left, bottom - top)
     return (
         max(int(left - side), 0),
         max(int(top - side), 0),

@@ -14,7 +14,7 @@ from facewright.capture.model_building import DepthFrame, HeadModel, frame_view
 from facewright.capture.tracking import frame_residuals, track_frame
 
 #: Frames that are compared with the fused surface, and that are tracked directly against the reference frame.
-_N_COMPARED, _N_DIRECT = 6, 3
+_N_COMPARED, _N_DIRECT = 4, 3
 _WARN_LOST, _WARN_CONSISTENCY_MM, _WARN_COVERAGE, _WARN_DRIFT_MM = 0.2, 1.8, 0.8, 3.0
 _STILL = RigidMotion(np.eye(3), np.zeros(3))
 
@@ -91,9 +91,9 @@ def _noise(frames: list[DepthFrame], model: HeadModel, region: HeadRegion) -> tu
     for i in looks:
         pose, frame = model.poses[i], frames[i]
         assert pose is not None
-        view = model.volume.view(frame.intrinsics, pose, frame.depth.shape)  # type: ignore[arg-type]
-        head = region.keep(frame.depth, frame.intrinsics, pose)
-        residuals = frame_residuals(head, frame.intrinsics, view, pose)
+        # the surface at half the resolution, against every raw pixel
+        view = frame.half.view(model.volume, pose)
+        residuals = frame_residuals(frame.on_head(region, pose), frame.intrinsics, view, pose)
         off.append(residuals[np.isfinite(residuals)])
     values = np.concatenate(off).astype(np.float64)
     if not values.size:
@@ -105,7 +105,7 @@ def _drift(
     frames: list[DepthFrame], model: HeadModel, region: HeadRegion, reference: int, voxel_mm: float
 ) -> tuple[float, float]:
     """Return how far the last frames, tracked directly against the reference frame, are off their poses (mm, rad)."""
-    view = frame_view(frames[reference], region, voxel_mm, 4 * voxel_mm)
+    view = frame_view(frames[reference].half, region, voxel_mm, 4 * voxel_mm)
     seen = view.depth[view.depth > 0]
     if not seen.size:
         return 0.0, 0.0
@@ -113,9 +113,9 @@ def _drift(
     shifts, turns = [0.0], [0.0]
     last = [i for i, pose in enumerate(model.poses) if pose is not None and i != reference][-_N_DIRECT:]
     for i in last:
-        pose, frame = model.poses[i], frames[i]
+        pose, frame = model.poses[i], frames[i].half
         assert pose is not None
-        direct = track_frame(region.keep(frame.depth, frame.intrinsics, pose), frame.intrinsics, view, pose, centre)
+        direct = track_frame(frame.on_head(region, pose), frame.intrinsics, view, pose, centre)
         if direct.share > 0:
             off = direct.volume_from_frame.after(pose.inverse())
             shifts.append(float(np.linalg.norm(off.apply(centre) - centre)))

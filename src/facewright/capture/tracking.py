@@ -1,4 +1,4 @@
-"""Frame-to-model tracking: the rigid motion that lays a depth frame on the surface a camera would see (KinectFusion)."""
+"""Frame-to-model tracking: the rigid motion that lays a depth frame on a surface as a camera sees it (KinectFusion)."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
-from facewright.camera.rotation import rotation_from_vector
-from facewright.capture._tracking_kernels import axial_residuals, normal_equations
+from facewright.capture._tracking_kernels import align_points, axial_residuals
 from facewright.capture.volume import SurfaceView, camera_row
 
-#: Coarse to fine: pixel step, gate on distance (mm), Tukey scale of residuals (mm), most steps.
-LEVELS = ((4, 40.0, 25.0, 10), (2, 20.0, 10.0, 6), (1, 12.0, 6.0, 8))
+#: Coarse to fine: every how many points, gate on distance (mm), Tukey scale of residuals (mm), most steps. Odd numbers
+#: that do not divide a picture's width spread the points over it.
+LEVELS = ((13, 40.0, 25.0, 10), (5, 20.0, 10.0, 6), (2, 12.0, 6.0, 6))
 #: A level ends when a step turns by less than this (rad) and shifts by less than this (mm).
-_SMALL_TURN, _SMALL_SHIFT = 2e-5, 2e-3
+_SMALL_TURN, _SMALL_SHIFT = 5e-5, 5e-3
 
 
 class Tracked(NamedTuple):
@@ -70,28 +70,18 @@ def track_frame(
     Tracked
         The pose; its `share` and `rms_mm` tell whether to believe it.
     """
-    camera, model_camera = camera_row(intrinsics), camera_row(model.intrinsics)
+    points = seen_points(depth, intrinsics)
+    model_camera = camera_row(model.intrinsics)
     back = model.volume_from_camera.inverse()
     Rm, tm = np.ascontiguousarray(back.rotation), back.translation
-    R, t = start.rotation.copy(), start.translation.copy()
-    H, g = np.zeros((6, 6)), np.zeros(6)
-    pairs, total, squares, step = 0, 0.0, 0.0, 1
-    for step, gate, scale, most in levels:
-        for _ in range(most):
-            pairs, total, squares = normal_equations(
-                depth, camera, R, t, model.depth, model.normals, model_camera, Rm, tm, centre, step, gate, scale, H, g
-            )
-            if pairs < 50:
-                return Tracked(start, 0.0, float("inf"))
-            # the smallest ridge that keeps a flat or round patch from sliding without bound
-            x = -np.linalg.solve(H + 1e-6 * np.diag(np.diag(H)) + 1e-9 * np.eye(6), g)
-            turn = rotation_from_vector(x[:3])
-            t = turn @ (t - centre) + centre + x[3:]
-            R = turn @ R
-            if np.abs(x[:3]).max() < _SMALL_TURN and np.abs(x[3:]).max() < _SMALL_SHIFT:
-                break
-    n_pixels = int(np.count_nonzero(depth[::step, ::step]))
-    return Tracked(RigidMotion(R, t), total / max(n_pixels, 1), float(np.sqrt(squares / max(total, 1e-12))))
+    R, t = np.array(start.rotation, np.float64, order="C"), np.array(start.translation, np.float64)
+    share, rms = align_points(
+        points, R, t, model.depth, model.normals, model_camera, Rm, tm, centre, np.array(levels, np.float64),
+        _SMALL_TURN, _SMALL_SHIFT,
+    )  # fmt: skip
+    if share == 0:
+        return Tracked(start, 0.0, float("inf"))
+    return Tracked(RigidMotion(R, t), float(share), float(rms))
 
 
 def frame_residuals(
@@ -100,15 +90,25 @@ def frame_residuals(
     model: SurfaceView,
     volume_from_frame: RigidMotion,
     gate_mm: float = 20.0,
-) -> NDArray[np.float32]:
-    """Return each pixel's depth minus the model's, along the model camera's axis; NaN without a partner in the gate.
+) -> NDArray[np.float64]:
+    """Return the depth of each pixel that has one minus the model's, along the model camera's axis, shape (N,).
 
-    Parameters are those of `track_frame`.
+    NaN for pixels without a partner in the gate. Parameters are those of `track_frame`.
     """
     back = model.volume_from_camera.inverse()
-    out = np.empty(depth.shape, np.float32)
+    points = seen_points(depth, intrinsics)
+    out = np.empty(len(points))
     axial_residuals(
-        depth, camera_row(intrinsics), np.ascontiguousarray(volume_from_frame.rotation), volume_from_frame.translation,
-        model.depth, camera_row(model.intrinsics), np.ascontiguousarray(back.rotation), back.translation, gate_mm, out,
+        points, np.ascontiguousarray(volume_from_frame.rotation), volume_from_frame.translation, model.depth,
+        camera_row(model.intrinsics), np.ascontiguousarray(back.rotation), back.translation, gate_mm, out,
     )  # fmt: skip
     return out
+
+
+def seen_points(depth: NDArray[np.float32], intrinsics: Intrinsics) -> NDArray[np.float64]:
+    """Return the points (N, 3), mm, of the pixels that have depth, row by row."""
+    v, u = np.nonzero(depth)
+    z = depth[v, u].astype(np.float64)
+    x = (u - intrinsics.centre_x) / intrinsics.focal_x * z
+    y = (v - intrinsics.centre_y) / intrinsics.focal_y * z
+    return np.stack([x, y, z], axis=1)

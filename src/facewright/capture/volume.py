@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
-from facewright.capture._volume_kernels import BLOCK, cast_rays, integrate_blocks, mark_blocks
+from facewright.capture._volume_kernels import BLOCK, TILE, cast_rays, depth_ranges, integrate_blocks, mark_blocks
 from facewright.errors import ValueRangeError
 from facewright.numeric.check import check_shape
 from facewright.numeric.threads import for_blocks
@@ -122,8 +122,6 @@ class DepthVolume:
         volume_from_camera: RigidMotion,
         size: tuple[int, int],
         least_weight: float = 0.5,
-        near_mm: float = 100.0,
-        far_mm: float = 10_000.0,
     ) -> SurfaceView:
         """Cast a ray through every pixel centre.
 
@@ -137,17 +135,21 @@ class DepthVolume:
             Pixels.
         least_weight : float
             Voxels with less are treated as unseen.
-        near_mm, far_mm : float
-            Depths to look between.
         """
         depth = np.zeros(size, np.float32)
         normals = np.zeros((*size, 3), np.float32)
         pose, camera = volume_from_camera, camera_row(intrinsics)
+        back = pose.inverse()
+        tiles = (-(-size[0] // TILE), -(-size[1] // TILE))
+        near, far = np.full(tiles, np.inf), np.zeros(tiles)
+        depth_ranges(
+            self.active, camera, _c(back.rotation), back.translation, self.origin, self.voxel_mm, *size, near, far
+        )
 
         def work(first: int, last: int) -> None:
             cast_rays(
                 self.tsdf, self.weight, self.active, first, last, camera, _c(pose.rotation), pose.translation,
-                self.origin, self.voxel_mm, self.truncation_mm, least_weight, near_mm, far_mm, depth, normals,
+                self.origin, self.voxel_mm, self.truncation_mm, least_weight, near, far, depth, normals,
             )  # fmt: skip
 
         for_blocks(size[0], max(16, size[0] // 8), work)
