@@ -152,6 +152,7 @@ def test_empty_file(tmp_path):
         open_recording(tmp_path / "smile.bag")
 
 
+@pytest.mark.slow  # importing Open3D takes seconds
 def test_real_open3d_refuses_other_files(tmp_path):
     pytest.importorskip("open3d")
     with pytest.raises((FileFormatError, MissingExtraError), match="RealSense"):
@@ -180,7 +181,7 @@ def test_full_disk_of_temporary_files(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(open3d_sensors.tempfile, "TemporaryFile", lambda **_: Full())
-    with pytest.raises(StoreError, match="cannot be unpacked in .*No space left"):
+    with pytest.raises(StoreError, match=r"cannot be unpacked in .*No space left"):
         SpooledSource("azure", tmp_path / "a.mkv", [SensorFrame(_color(0), _counts(0), 0.0)], None, 1000.0)
 
 

@@ -115,7 +115,7 @@ def test_folders_without_lists(folder):
     assert [int(f.color[0, 0, 0]) for f in frames] == [5, 15, 25, 35, 95, 105]
     assert frames[4].time == pytest.approx(4 / 30)
     (folder / "depth" / "9.png").unlink()
-    with pytest.raises(FileFormatError, match="as many colour as depth pictures.*got 6 and 5"):
+    with pytest.raises(FileFormatError, match=r"as many colour as depth pictures.*got 6 and 5"):
         open_recording(folder)
 
 
@@ -205,7 +205,7 @@ def test_colour_of_another_size(folder):
     _write_color(folder / "rgb" / "2.png", 2, (32, 24))  # turned
     recording = open_recording(folder)
     assert recording.frame(1).color.shape == (*SIZE, 3) and (recording.frame(1).color == 15).all()
-    with pytest.raises(FileFormatError, match="colour of frame 2 .* got 24 x 32"):
+    with pytest.raises(FileFormatError, match=r"colour of frame 2 .* got 24 x 32"):
         recording.frame(2)
 
 

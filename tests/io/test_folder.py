@@ -27,18 +27,20 @@ def test_folder_with_folders_appears(tmp_path):
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt, ValueRangeError, OSError(errno.EIO, "bad disk")])
 def test_nothing_stays_after_a_failure(tmp_path, error):
-    with pytest.raises((StoreError, RuntimeError, KeyboardInterrupt, ValueRangeError)):
-        with write_folder_atomically(tmp_path / "deep" / "set") as temporary:
-            _fill(temporary)
-            raise error
+    refused = pytest.raises((StoreError, RuntimeError, KeyboardInterrupt, ValueRangeError))
+    with refused, write_folder_atomically(tmp_path / "deep" / "set") as temporary:
+        _fill(temporary)
+        raise error
     assert _names(tmp_path) == []
 
 
 def test_full_disk_is_one_sentence(tmp_path):
-    with pytest.raises(StoreError, match=r"set cannot be written: no space left on the disk; nothing was changed\."):
-        with write_folder_atomically(tmp_path / "set") as temporary:
-            _fill(temporary)
-            raise OSError(errno.ENOSPC, "No space left on device")
+    refused = pytest.raises(
+        StoreError, match=r"set cannot be written: no space left on the disk; nothing was changed\."
+    )
+    with refused, write_folder_atomically(tmp_path / "set") as temporary:
+        _fill(temporary)
+        raise OSError(errno.ENOSPC, "No space left on device")
     assert _names(tmp_path) == []
 
 

@@ -67,16 +67,18 @@ def list_captures(root: str | Path) -> list[SubjectCapture]:
     StoreError
         If `root` does not exist or cannot be read.
     FileFormatError
-        If it holds no subjects.
+        If it holds no subject with recordings.
     """
     root = Path(root)
     folders = [p for p in _entries(root, "captures") if p.is_dir()]
     subjects = [_read_subject(path) for path in folders]
-    if not any(subject.recordings or subject.problems for subject in subjects):
-        one = _read_subject(root)
-        hint = f": it looks like one subject, give {root.parent}" if one.recordings else ""
+    if not any(subject.recordings for subject in subjects):
+        if _read_subject(root).recordings:
+            found = f"one subject's recordings: give {root.parent}"
+        else:
+            found = f"none ({subjects[0].problems[0].rstrip('.')})" if subjects and subjects[0].problems else "none"
         raise FileFormatError(
-            f"{root} must hold one folder for each subject with recordings of expressions in it, got none{hint}."
+            f"{root} must hold one folder for each subject with recordings of expressions in it, got {found}."
         )
     return _with_name_problems(subjects)
 
@@ -186,7 +188,7 @@ def _read_attributes(file: Path) -> dict[str, str | int | float | bool]:
         values = json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise StoreError(f"{file} cannot be read: {error.strerror or error}.") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise FileFormatError(f"{file} must be JSON with attributes of the subject, got {error}.") from error
     if not isinstance(values, dict) or not all(isinstance(v, str | int | float | bool) for v in values.values()):
         raise FileFormatError(f"{file} must be one JSON object of numbers, texts and truth values.")

@@ -118,7 +118,7 @@ class Record3DSource:
         try:
             meta = json.loads(text)
             w, h = int(meta.get("dw") or meta["w"]), int(meta.get("dh") or meta["h"])
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
             raise FileFormatError(
                 f"{self._path} must have JSON with w, h, dw, dh as metadata, got {error!r}."
             ) from error

@@ -88,7 +88,7 @@ def _read_frame(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8], NDArray[
     try:
         header = json.loads(text)
         height, width = int(header["height"]), int(header["width"])
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, RecursionError, KeyError, TypeError) as error:
         raise FileFormatError(f"{path} must hold JSON with width and height in its metadata, got {error!r}.") from error
     if height < 2 or width < 2 or len(metres) != height * width or len(rgb) != height * width:
         raise FileFormatError(
