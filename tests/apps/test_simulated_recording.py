@@ -139,10 +139,11 @@ def test_acting_is_imperfect_but_possible(rng):
     guides = np.asarray(EXPRESSION_WEIGHTS)
     acted = np.array([[act(guide, rng) for _ in range(40)] for guide in guides])
     assert (acted[0] == 0).all()  # the neutral is neutral
-    share = (acted / np.maximum(guides, 1e-9)[:, None])[np.broadcast_to(guides[:, None] > 0, acted.shape)]
+    free = (guides > 0) & (guides < 1.0)
+    share = (acted / np.maximum(guides, 1e-9)[:, None])[np.broadcast_to(free[:, None], acted.shape)]
     assert share.min() >= 0.7 and share.max() <= 1.1 and share.std() > 0.08
     blink = BLENDSHAPE_NAMES.index("eyeBlink_L")
-    assert acted[..., blink].max() <= 1.0
+    assert (acted[-1][:, blink] == 1.0).all()  # eyes that shall be closed are closed
     assert ((acted > 0) & (guides[:, None] == 0)).mean() > 0.02
     pressed = np.zeros(46)
     pressed[[BLENDSHAPE_NAMES.index("jawOpen"), BLENDSHAPE_NAMES.index("mouthClose")]] = 0.5

@@ -178,7 +178,8 @@ def simulate_recording(
 def act(guide: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.float64]:
     """Return what is acted for guide weights (46,): each 0.7 to 1.1 times as strong, now and then a shape too many.
 
-    Lids go no further than closed, and lips that the guide keeps sealed over an open jaw stay sealed.
+    Lids that shall be shut are shut and go no further, and lips that the guide keeps sealed over an open jaw stay
+    sealed.
     """
     share = rng.uniform(*ACTED_SHARE, len(guide))
     names = BLENDSHAPE_NAMES
@@ -187,7 +188,7 @@ def act(guide: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.flo
     spurious[names.index("mouthClose")] = 0.0
     done = np.where(guide > 0, guide * share, spurious * bool(np.any(guide)))
     blinks = [names.index("eyeBlink_L"), names.index("eyeBlink_R")]
-    done[blinks] = np.minimum(done[blinks], 1.0)
+    done[blinks] = np.where(guide[blinks] >= 1.0, 1.0, np.minimum(done[blinks], 1.0))
     return done
 
 
