@@ -255,3 +255,19 @@ def hand_placed(face: Face, landmarks: Array, confidence: Array, unit: str = "au
         If they are not those of a face; see `facewright.fitting.scan_placement.place_face`.
     """
     return FoundFace(place_face(face, landmarks, confidence, unit), landmarks, confidence, 0)
+
+
+def complete_by_detector(
+    viewer: ScanViewer, face: Face, detector: LandmarkDetector, given: FoundFace, unit: str = "auto"
+) -> FoundFace:
+    """Add what the detector sees of a face whose few points (confidence 1) somebody placed; those stay.
+
+    Raises
+    ------
+    NoFaceError
+        If the detector finds no face there.
+    """
+    landmarks, confidence, looks = landmarks_by_looks(viewer, face, detector, given.placement)
+    stay = given.confidence >= 1.0
+    landmarks[stay], confidence[stay] = given.landmarks[stay], 1.0
+    return FoundFace(place_face(face, landmarks, confidence, unit), landmarks, confidence, looks)

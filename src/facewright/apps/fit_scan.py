@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from facewright.errors import FileFormatError, NoFaceError, ValueRangeError
+from facewright.errors import FileFormatError, MissingExtraError, NoFaceError, ValueRangeError
 from facewright.numeric.check import check_choice
 
 if TYPE_CHECKING:
     from facewright.apps.find_in_scan import FoundFace
     from facewright.faces.face import Face
     from facewright.fitting.scan import ScanFit
-    from facewright.fitting.scan_target import ScanTarget
     from facewright.imaging.scan_views import ScanViewer
     from facewright.io.mesh_data import MeshData
     from facewright.numeric.similarity import Similarity
@@ -49,7 +48,7 @@ class FitScanRequest:
         Template, see `facewright.faces.load_face`.
     landmarks : Path, optional
         Points placed on the scan (``.ljson``, ``.json``, ``.csv``): 74, 68 or 5 of three coordinates, in the scan's
-        frame; the detector is then not asked.
+        frame. The detector is then not asked, but for what five points leave open, if it is installed.
     texture : Path, optional
         The scan's texture; what its material names, else a picture beside it of the same name, where absent.
     unit : str
@@ -136,12 +135,14 @@ def fit_scan(request: FitScanRequest, progress: Progress | None = None) -> FitSc
     MissingExtraError
         If the detector is needed and not installed.
     """
+    from facewright.apps.scan_sheet import scan_sheet
     from facewright.faces.attach_parts import parts_attacher
     from facewright.faces.load import load_face
     from facewright.fitting.scan import ScanFitOptions, ScanFitter
     from facewright.fitting.scan_placement import scan_target
     from facewright.imaging.scan_views import ScanViewer
     from facewright.io.atomic import write_set_atomically
+    from facewright.io.image import write_image
 
     def report(stage: str, done: int) -> None:
         if progress is not None:
@@ -161,10 +162,12 @@ def fit_scan(request: FitScanRequest, progress: Progress | None = None) -> FitSc
         vertices = parts_attacher(face).neutral(fit.vertices)
         scan_from_model = _scan_from_model(found, fit)
         report("writing the mesh", 3)
-        names = _write_mesh(request, folder, face, mesh, picture, vertices, scan_from_model)
+        texture = _bake(request, face, mesh, picture, scan_from_model.apply(vertices), scan_from_model.scale)
+        names = _write_mesh(request, folder, face, texture, vertices, scan_from_model)
         report("drawing", 4)
         names["picture"] = "fit.png"
-        _write_pictures(folder / names["picture"], viewer, face, fit, target, scan_from_model)
+        sheet = scan_sheet(viewer, face, vertices, fit, target, scan_from_model, texture)
+        write_image(folder / names["picture"], sheet)
         names |= _write_parameters(request, folder, face, fit, found, scan_from_model, picture_path)
     report("done", _STAGES)
     paths = {key: request.out / name for key, name in names.items()}
@@ -283,8 +286,9 @@ def _read_texture(request: FitScanRequest, mesh: MeshData) -> tuple[NDArray[np.u
 
 
 def _find(request: FitScanRequest, viewer: ScanViewer, face: Face, progress: Progress | None) -> FoundFace:
-    """Return the face by the points of a file, else by the detector."""
-    from facewright.apps.find_in_scan import find_face, hand_placed
+    """Return the face by the points of a file, else by the detector; five points are completed by the detector."""
+    from facewright.apps.find_in_scan import complete_by_detector, find_face, hand_placed
+    from facewright.landmarks.detector import open_detector
 
     if request.landmarks is not None:
         from facewright.fitting.hand_landmarks import landmarks_from_points
@@ -295,9 +299,14 @@ def _find(request: FitScanRequest, viewer: ScanViewer, face: Face, progress: Pro
             raise FileFormatError(
                 f"{request.landmarks} must hold 74, 68 or 5 points of three coordinates, got {file.points.shape}."
             )
-        return hand_placed(face, *landmarks_from_points(face, file.points, file.confidence), request.unit)
-    from facewright.landmarks.detector import open_detector
-
+        given = hand_placed(face, *landmarks_from_points(face, file.points, file.confidence), request.unit)
+        if len(file.points) > 5:
+            return given
+        try:
+            with open_detector(request.task_file, thorough=False) as detector:
+                return complete_by_detector(viewer, face, detector, given, request.unit)
+        except (MissingExtraError, NoFaceError):  # five points are little, but all there is
+            return given
     with open_detector(request.task_file, thorough=False) as detector:
         return find_face(viewer, face, detector, request.unit, progress)
 
@@ -310,43 +319,53 @@ def _scan_from_model(found: FoundFace, fit: ScanFit) -> Similarity:
     return found.placement.scan_from_model.compose(Similarity(1.0, pose.rotation, pose.translation))
 
 
+def _bake(
+    request: FitScanRequest,
+    face: Face,
+    mesh: MeshData,
+    picture: NDArray[np.uint8] | None,
+    in_scan: Array,
+    units_per_mm: float,
+) -> NDArray[np.uint8] | None:
+    """Return the fitted mesh's texture, where the scan has colours and the template texture coordinates."""
+    from facewright.imaging.scan_texture import bake_scan_texture
+
+    if face.topology.uv_faces is None or (picture is None and mesh.vertex_colors is None):
+        return None
+    return bake_scan_texture(
+        mesh,
+        picture,
+        in_scan,
+        face.topology,
+        reach=_TEXTURE_REACH_MM * units_per_mm,
+        size=request.texture_size,
+        textured=np.arange(len(in_scan)) < face.n_skin,
+    )
+
+
 def _write_mesh(
     request: FitScanRequest,
     folder: Path,
     face: Face,
-    mesh: MeshData,
-    picture: NDArray[np.uint8] | None,
+    texture: NDArray[np.uint8] | None,
     vertices: Array,
     scan_from_model: Similarity,
 ) -> dict[str, str]:
     """Write mesh and texture; returns their names."""
-    from facewright.imaging.scan_texture import bake_scan_texture
     from facewright.io.image import write_image
     from facewright.io.obj import write_obj
 
-    topology = face.topology
-    in_scan = scan_from_model.apply(vertices)
     names = {"obj": "face.obj"}
-    has_uv = topology.uv is not None and topology.uv_faces is not None
-    if has_uv and (picture is not None or mesh.vertex_colors is not None):
+    if texture is not None:
         names["texture"] = "texture.png"
-        texture = bake_scan_texture(
-            mesh,
-            picture,
-            in_scan,
-            topology,
-            reach=_TEXTURE_REACH_MM * scan_from_model.scale,
-            size=request.texture_size,
-            textured=np.arange(topology.n_vertices) < face.n_skin,
-        )
         write_image(folder / names["texture"], texture)
     where = "the scan's frame and unit" if request.frame == "scan" else "model space, millimetres"
     write_obj(
         folder / names["obj"],
-        in_scan if request.frame == "scan" else vertices,
-        topology.faces,
-        uv=topology.uv if has_uv else None,
-        uv_faces=topology.uv_faces if has_uv else None,
+        scan_from_model.apply(vertices) if request.frame == "scan" else vertices,
+        face.topology.faces,
+        uv=face.topology.uv,
+        uv_faces=face.topology.uv_faces,
         texture=names.get("texture"),
         comment=f"facewright: face fitted to {request.mesh.name}, in {where}",
     )
@@ -374,12 +393,3 @@ def _write_parameters(
     with write_atomically(folder / names["parameters"]) as temporary:
         temporary.write_text(text, encoding="utf-8")
     return names
-
-
-def _write_pictures(
-    path: Path, viewer: ScanViewer, face: Face, fit: ScanFit, target: ScanTarget, scan_from_model: Similarity
-) -> None:
-    from facewright.apps.scan_sheet import scan_sheet
-    from facewright.io.image import write_image
-
-    write_image(path, scan_sheet(viewer, face.skin().topology, fit, target, scan_from_model))

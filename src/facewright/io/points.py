@@ -47,7 +47,8 @@ def read_points(path: str | Path) -> PointsFile:
     ----------
     path : str or Path
         The file. ``.pts``: one-based pixels, turned into the project's zero-based ones. ``.ljson``: y before x,
-        turned round; ``null`` marks a missing point; 68 labelled points are brought into iBUG's order. ``.json``: the project's own, as `write_points` writes it.
+        turned round; ``null`` marks a missing point; 68 labelled points are brought into iBUG's order. ``.json``: the
+        project's own, as `write_points` writes it.
         ``.csv``: a row for each point, x before y (before z), after an optional name; a first row of titles is skipped.
 
     Returns
@@ -220,7 +221,7 @@ def _in_ibug_order(listed: Any, labels: Any) -> Any:
             masks[re.sub(r"[^a-z]", "", str(label.get("label", "")).lower())] = label["mask"]
     order: list[Any] = []
     for names, size in _LABELS:
-        mask = next((masks[name] for name in names if name in masks), [])
+        mask: list[Any] = next((masks[name] for name in names if name in masks), [])
         if len(mask) != size:
             return listed
         order += mask
