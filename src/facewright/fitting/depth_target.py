@@ -13,8 +13,9 @@ from facewright.landmarks.lift import lift_landmarks
 from facewright.landmarks.points import Landmarks
 from facewright.numeric.check import check_shape
 
-#: The part of the picture that is kept: the landmarks' box, wider by this share of its size on each side.
-_MARGIN = 0.45
+#: The part of the picture that is kept: the landmarks' box, wider by these shares of its size at each side (room for
+#: the cheeks), above (the forehead) and below.
+_MARGIN_SIDES, _MARGIN_ABOVE, _MARGIN_BELOW = 0.2, 0.45, 0.15
 #: Points further than this from the landmarks' median depth are not the head.
 _HEAD_MM = 180.0
 #: Neighbours whose depths differ by more are not joined by a triangle.
@@ -52,9 +53,9 @@ def depth_target(depth: NDArray[np.floating], intrinsics: Intrinsics, landmarks:
         raise NoFaceError(f"at least 4 landmarks must be found in the picture, got {int(found.present.sum())}.")
     points3d, confidence = lift_landmarks(found, depth, intrinsics)
     left, top, right, bottom = found.box
-    wide, high = _MARGIN * (right - left), _MARGIN * (bottom - top)
+    wide, high = _MARGIN_SIDES * (right - left), bottom - top
     x0, x1 = max(int(left - wide), 0), min(int(right + wide) + 1, sizes["W"])
-    y0, y1 = max(int(top - high), 0), min(int(bottom + high) + 1, sizes["H"])
+    y0, y1 = max(int(top - _MARGIN_ABOVE * high), 0), min(int(bottom + _MARGIN_BELOW * high) + 1, sizes["H"])
     part = np.zeros((max(y1 - y0, 0), max(x1 - x0, 0))) if y1 <= y0 or x1 <= x0 else depth[y0:y1, x0:x1]
     middle = np.median(points3d[:, 2][np.isfinite(points3d[:, 2])]) if np.isfinite(points3d).any() else np.nan
     grid = back_project(

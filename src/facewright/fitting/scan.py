@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import RigidMotion
 from facewright.deform.deformation_transfer import DeformationTransfer
-from facewright.errors import TopologyError, ValueRangeError
+from facewright.errors import NoFaceError, TopologyError, ValueRangeError
 from facewright.faces.face import Face
 from facewright.fitting.scan_contact import ContactPairs
 from facewright.fitting.scan_correspondence import Gates, ScanSurface, exposed_vertices
@@ -89,7 +89,11 @@ class ScanFit:
         The head's pose in the scan's frame.
     report : dict of str to float or int or str
         ``stage1_rms_mm`` and ``stage2_rms_mm``: root mean square distance of matched vertices from the scan;
-        ``landmark_rms_mm``; ``matched_share``: of the vertices that could be seen, those with a point of the scan.
+        ``landmark_rms_mm``; ``matched`` and ``matched_share``: of the vertices that could be seen, those with a point
+        of the scan; ``closed_share``: how closed lips and lids were taken to be.
+    landmark_offsets : ndarray of shape (74, 3), float64, millimetres
+        How far 3D landmarks were from their vertices, model space; of a neutral, subtracted from the landmarks of
+        the person's expressions.
     """
 
     vertices: NDArray[np.float64]
@@ -97,6 +101,7 @@ class ScanFit:
     coefficients: NDArray[np.float64]
     target_from_model: RigidMotion
     report: dict[str, float | int | str]
+    landmark_offsets: NDArray[np.float64] = field(default_factory=lambda: np.zeros((74, 3)))
 
     @property
     def posed(self) -> NDArray[np.float64]:
@@ -104,13 +109,18 @@ class ScanFit:
         return self.target_from_model.apply(self.vertices)
 
 
-#: Stage 2: weights of depth and landmarks as multiples of the paper's, and gates, in each Gauss-Newton step. Landmarks
-#: lead first; closest points take over as they come to be the right ones.
-_DEPTH_SHARE = (0.1, 0.4, 1.0, 1.0)
-_LANDMARK_SHARE = (6.0, 3.0, 1.0, 1.0)
-_GATES_MM = (8.0, 6.0, 4.0, 3.0)
+#: Stage 2: the depth's weight as a multiple of the paper's, and the gate, in each Gauss-Newton step: closest points
+#: take over as they come to be the right ones.
+_DEPTH_SHARE = (0.3, 1.0, 1.0)
+_GATES_MM = (6.0, 4.0, 3.0)
+#: Weight of a pair of vertices in contact.
+_CONTACT_STIFFNESS = 5.0
+#: A fit that matches less of what the camera sees, or is further from it, has not found a face.
+_LEAST_SHARE, _MOST_RMS_MM = 0.25, 3.0
 #: Weight that keeps vertices without a match near where stage 1 has them.
 _REST_WEIGHT = 2e-3
+#: Residuals are reported of vertices whose closest point is within this.
+_REPORT_GATE_MM = 10.0
 #: Guide displacements below this leave a vertex to tell the pose of the head; mm.
 _STILL_MM = 0.7
 #: Standard deviation of an acted weight about the guide's: of shapes that the guide has, and of all others.
@@ -145,8 +155,9 @@ class ScanFitter:
         allowed = exposed_vertices(self.mean, topology.faces)
         if self.options.region == "face":
             inside = np.zeros(topology.n_vertices, dtype=bool)
-            inside[face_region(topology, self.mean)] = True
-            inside[topology.masks.get("face_region", np.empty(0, dtype=np.int32))] = True
+            # the mask ends at the hair line; without it, hair is left to the robust weights
+            region = topology.masks.get("face_region", np.empty(0, dtype=np.int32))
+            inside[region if len(region) else face_region(topology, self.mean)] = True
             allowed &= inside
         self.visibility = Visibility(topology.faces, allowed)
         K = min(self.options.n_modes, len(self.face.identity_basis))
@@ -179,10 +190,19 @@ class ScanFitter:
         start = self._pose(self.mean, target, None)
         term = self.landmarks if self.options.use_landmarks else None
         linear = fit_linear(self.identity, surface, term, self.visibility, start, self.options.stage1)
+        if len(linear.matches.vertices) < _LEAST_SHARE * len(linear.candidates):
+            raise NoFaceError(
+                f"the scan must show a face at the landmarks, but only {len(linear.matches.vertices)} of "
+                f"{len(linear.candidates)} visible vertices of the fitted face find a point of it."
+            )
         if progress is not None:
             progress("fitting the neutral", 1, 2)
         deformer = LaplacianDeformer(self.face.topology.faces, linear.vertices)
-        fit = self._refine(deformer, linear, surface, rest=self.mean)
+        fit = self._refine(deformer, linear, surface, None)
+        if not float(fit.report["stage2_rms_mm"]) <= _MOST_RMS_MM:
+            raise NoFaceError(
+                f"the scan must show a face, but the fit stays {fit.report['stage2_rms_mm']:.1f} mm away from it."
+            )
         if progress is not None:
             progress("fitting the neutral", 2, 2)
         return fit
@@ -210,11 +230,13 @@ class ScanFitter:
         check_shape("guide_weights", guide, len(self.face.blendshape_names))
         check_finite("guide_weights", guide)
         person = self._prepare(neutral)
-        surface = ScanSurface(target)
         delta = person.shapes @ guide
         moved = np.linalg.norm(delta, axis=1)
         still = np.exp(-0.5 * (moved / _STILL_MM) ** 2)
         start = self._pose(neutral.vertices, target, still)
+        # what the detector misses in every picture of this person is no motion of the face
+        target = replace(target, landmarks=target.landmarks - neutral.landmark_offsets @ start.rotation.T)
+        surface = ScanSurface(target)
         term = self.landmarks if self.options.use_landmarks else None
         spread = np.where(guide > 0, _ACTED_SPREAD, _OTHER_SPREAD)
         shapes = LinearShapes(neutral.vertices, person.shapes, guide, spread, 0.0, 1.5)
@@ -222,7 +244,7 @@ class ScanFitter:
         if not self.options.adapt_weights:
             stage1 = Stage1Options(stage1.landmarks, stage1.depth, stage1.prior, stage1.gates_mm, len(stage1.gates_mm))
         linear = fit_linear(shapes, surface, term, self.visibility, start, stage1, pose_weights=np.maximum(still, 0.02))
-        return self._refine(person.deformer, linear, surface, rest=neutral.vertices)
+        return self._refine(person.deformer, linear, surface, linear.coefficients)
 
     def _prepare(self, neutral: ScanFit) -> _Person:
         """Return what all expressions of a person share: the last person's is kept."""
@@ -243,17 +265,20 @@ class ScanFitter:
         return start_pose(shape[ids], target.landmarks[used], weights)
 
     def _refine(
-        self, deformer: LaplacianDeformer, linear: Stage1Fit, surface: ScanSurface, rest: NDArray[np.float64]
+        self,
+        deformer: LaplacianDeformer,
+        linear: Stage1Fit,
+        surface: ScanSurface,
+        weights: NDArray[np.float64] | None,
     ) -> ScanFit:
-        """Stage 2, and the report."""
-        motion, faces = linear.target_from_model, self.face.topology.faces
+        """Stage 2, and the report; `weights` are blendshape weights, None at rest."""
+        motion, faces, o = linear.target_from_model, self.face.topology.faces, self.options
         start = motion.apply(linear.vertices)
-        o = self.options
+        candidates = self.visibility.candidates(start, vertex_normals(start, faces), surface)
+        contact = self.contacts.term(weights, surface.target, motion.rotation, _CONTACT_STIFFNESS)
 
         def pulls(x: NDArray[np.float64], step: int) -> Pulls:
-            normals = vertex_normals(x, faces)
-            candidates = self.visibility.candidates(x, normals, surface)
-            matches = surface.match(x, normals, candidates, Gates(_GATES_MM[step]))
+            matches = surface.match(x, vertex_normals(x, faces), candidates, Gates(_GATES_MM[step]))
             diagonal = np.full(len(x), _REST_WEIGHT)
             rhs = _REST_WEIGHT * start
             w = o.stage2_depth * _DEPTH_SHARE[step] * matches.weights
@@ -261,37 +286,41 @@ class ScanFitter:
             rhs[matches.vertices] += w[:, None] * matches.points
             if o.use_landmarks:
                 pull = self.landmarks.pulls(x, motion.rotation, surface.target)
-                w = o.stage2_landmarks * _LANDMARK_SHARE[step] * pull.weights
+                w = o.stage2_landmarks * pull.weights
                 # what a projector lets free keeps its current value
                 goals = x[pull.vertices] + np.einsum("nij,nj->ni", pull.projectors, pull.goals - x[pull.vertices])
                 np.add.at(diagonal, pull.vertices, w)
                 np.add.at(rhs, pull.vertices, w[:, None] * goals)
-            return Pulls(diagonal, rhs)
+            return Pulls(diagonal, rhs + contact.rhs, contact.matrix) if o.contact else Pulls(diagonal, rhs)
 
         posed = deformer.deform(start, pulls, len(_DEPTH_SHARE), smoothness=o.stage2_laplacian)
+        report = self._report({"stage1": start, "stage2": posed}, motion, surface, candidates)
+        report["closed_share"] = contact.closed_share
         return ScanFit(
             vertices=motion.inverse().apply(posed),
             stage1_vertices=linear.vertices,
             coefficients=linear.coefficients,
             target_from_model=motion,
-            report=self._report(start, posed, motion, surface),
+            report=report,
+            landmark_offsets=self.landmarks.offsets(posed, surface.target) @ motion.rotation,
         )
 
     def _report(
-        self, start: NDArray[np.float64], posed: NDArray[np.float64], motion: RigidMotion, surface: ScanSurface
+        self,
+        stages: dict[str, NDArray[np.float64]],
+        motion: RigidMotion,
+        surface: ScanSurface,
+        candidates: NDArray[np.intp],
     ) -> dict[str, float | int | str]:
         report: dict[str, float | int | str] = {}
-        faces = self.face.topology.faces
-        for name, x in (("stage1", start), ("stage2", posed)):
-            normals = vertex_normals(x, faces)
-            candidates = self.visibility.candidates(x, normals, surface)
-            matches = surface.match(x, normals, candidates, Gates(10.0))
+        for name, x in stages.items():
+            matches = surface.match(x, vertex_normals(x, self.face.topology.faces), candidates, Gates(_REPORT_GATE_MM))
             distance = np.linalg.norm(x[matches.vertices] - matches.points, axis=1)
             report[f"{name}_rms_mm"] = float(np.sqrt((distance**2).mean())) if len(distance) else float("nan")
-        report["matched"] = len(matches.vertices)
-        report["matched_share"] = len(matches.vertices) / max(len(candidates), 1)
-        residuals = self.landmarks.pulls(posed, motion.rotation, surface.target).residuals_mm
-        report["landmark_rms_mm"] = float(np.sqrt((residuals**2).mean())) if len(residuals) else float("nan")
+            report["matched"] = len(matches.vertices)
+            report["matched_share"] = len(matches.vertices) / max(len(candidates), 1)
+            residuals = self.landmarks.pulls(x, motion.rotation, surface.target).residuals_mm
+            report["landmark_rms_mm"] = float(np.sqrt((residuals**2).mean())) if len(residuals) else float("nan")
         return report
 
 

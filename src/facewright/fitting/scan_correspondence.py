@@ -132,8 +132,10 @@ def seen_from_camera(
         middle = float(np.median(depth))
         flat = flat / np.maximum(depth, 1.0)[:, None] * middle
     corners = np.concatenate([flat, depth[:, None]], axis=1)[faces]
+    first, second = (corners[:, k, :2] - corners[:, 0, :2] for k in (1, 2))
+    front_side = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0] < 0  # y points down
     lattice = np.array([(i, j, _LATTICE - i - j) for i in range(_LATTICE + 1) for j in range(_LATTICE + 1 - i)])
-    samples = np.einsum("sk,fkc->fsc", lattice / _LATTICE, corners).reshape(-1, 3)
+    samples = np.matmul(lattice / _LATTICE, corners[front_side]).reshape(-1, 3)
     low = flat.min(axis=0)
     size = np.floor((flat.max(axis=0) - low) / _CELL_MM).astype(np.int64) + 1
 

@@ -16,6 +16,8 @@ from facewright.landmarks.scheme import load_scheme
 #: Residuals beyond this lose weight as in a Student t distribution of 4 degrees of freedom.
 _SCALE_MM = 3.0
 _FREEDOM = 4.0
+#: Offsets of a detector's landmarks are believed up to this.
+_LARGEST_OFFSET_MM = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +68,7 @@ class LandmarkTerm:
         self.ids = np.asarray(ids, dtype=np.intp)
         self.fixed = scheme.fixed[self.ids[scheme.fixed] >= 0]
         self.sliding = scheme.sliding
+        self._rims = scheme.groups["inner_mouth"]
         self.strips: ContourStrips = build_contour_strips(face.topology, face.mean_shape)
 
     def pulls(self, vertices: NDArray[np.float64], rotation: NDArray[np.float64], target: ScanTarget) -> LandmarkPull:
@@ -79,17 +82,42 @@ class LandmarkTerm:
         robust = (_FREEDOM + 2.0) / (_FREEDOM + (distance / _SCALE_MM) ** 2) * _FREEDOM / (_FREEDOM + 2.0)
         return LandmarkPull(ids, goals, projectors, confidence * robust, distance)
 
+    def offsets(self, vertices: NDArray[np.float64], target: ScanTarget) -> NDArray[np.float64]:
+        """Return how far 3D landmarks are from their vertices of a mesh in the scan's frame, (74, 3); 0 where unknown.
+
+        Of each offset the share that is not the noise of a well-placed point (confidence 1) is kept: what a detector
+        does alike in every picture of one person.
+        """
+        found = np.zeros((len(self.ids), 3))
+        used = self.fixed[self._known(target)]
+        found[used] = target.landmarks[used] - vertices[self.ids[used]]
+        found *= (1.0 - target.confidence)[:, None]
+        length = np.linalg.norm(found, axis=1, keepdims=True)
+        return found * np.minimum(1.0, _LARGEST_OFFSET_MM / np.maximum(length, 1e-9))
+
     def _lifted(self, vertices: NDArray[np.float64], target: ScanTarget) -> tuple[NDArray, ...]:
-        used = self.fixed[np.isfinite(target.landmarks[self.fixed]).all(axis=1) & (target.confidence[self.fixed] > 0)]
+        used = self.fixed[self._known(target) & ~self._only_flat(target)]
         eye = np.broadcast_to(np.eye(3), (len(used), 3, 3))
         return self.ids[used], target.landmarks[used], eye, target.confidence[used]
 
+    def _known(self, target: ScanTarget) -> NDArray[np.bool_]:
+        """Tell which fixed landmarks have a 3D position."""
+        return np.isfinite(target.landmarks[self.fixed]).all(axis=1) & (target.confidence[self.fixed] > 0)
+
+    def _only_flat(self, target: ScanTarget) -> NDArray[np.bool_]:
+        """Tell which fixed landmarks count in the picture only: those without depth, and the inner rims of the lips.
+
+        The depth at a rim is that of whatever fills the crack or lies behind it.
+        """
+        if target.contour_pixels is None or target.intrinsics is None:
+            return np.zeros(len(self.fixed), dtype=bool)
+        seen = np.isfinite(target.contour_pixels[self.fixed]).all(axis=1) & (target.confidence[self.fixed] > 0)
+        return seen & (~self._known(target) | np.isin(self.fixed, self._rims))
+
     def _flat(self, vertices: NDArray[np.float64], target: ScanTarget) -> tuple[NDArray, ...]:
-        """Landmarks without depth: the depth stays that of the vertex, frozen at its current value."""
+        """Landmarks that count in the picture: the depth stays that of the vertex, frozen at its current value."""
         assert target.contour_pixels is not None and target.intrinsics is not None
-        flat = ~np.isfinite(target.landmarks[self.fixed]).all(axis=1)
-        flat &= np.isfinite(target.contour_pixels[self.fixed]).all(axis=1) & (target.confidence[self.fixed] > 0)
-        used = self.fixed[flat]
+        used = self.fixed[self._only_flat(target)]
         ids = self.ids[used]
         camera = target.intrinsics
         z = vertices[ids, 2]

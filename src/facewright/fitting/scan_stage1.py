@@ -20,6 +20,8 @@ from facewright.numeric.similarity import estimate_similarity
 _ALONG = 0.1
 #: Closest points in a round, at most: a regular sample of the matches says as much as all.
 _MOST_MATCHES = 3000
+#: Rounds that ask anew which vertices the camera sees; it changes little between them.
+_NEW_VISIBILITY = (0, 1, 4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +75,13 @@ class Stage1Options:
 
 @dataclass(frozen=True, eq=False)
 class Stage1Fit:
-    """What stage 1 found: pose, coefficients, the mesh in model space, and the last matches."""
+    """What stage 1 found: pose, coefficients, the mesh in model space, the last matches and what could be matched."""
 
     target_from_model: RigidMotion
     coefficients: NDArray[np.float64]
     vertices: NDArray[np.float64]
     matches: Matches
-    candidates: int
+    candidates: NDArray[np.intp]
     landmark_residuals_mm: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
@@ -169,11 +171,13 @@ def fit_linear(
     motion = start
     c = (shapes.mean if c0 is None else c0).copy()
     faces = visibility.faces
+    candidates = np.empty(0, dtype=np.intp)
     for number, gate in enumerate(options.gates_mm):
         model = shapes.shape(c)
         posed = motion.apply(model)
         normals = vertex_normals(posed, faces)
-        candidates = visibility.candidates(posed, normals, surface)
+        if number in _NEW_VISIBILITY:
+            candidates = visibility.candidates(posed, normals, surface)
         matches = surface.match(posed, normals, candidates, Gates(gate))
         if len(matches.vertices) < 50:
             raise NoFaceError(
@@ -194,7 +198,7 @@ def fit_linear(
     residuals = np.empty(0)
     if landmarks is not None:
         residuals = landmarks.pulls(motion.apply(model), motion.rotation, surface.target).residuals_mm
-    return Stage1Fit(motion, c, model, matches, len(candidates), residuals)
+    return Stage1Fit(motion, c, model, matches, candidates, residuals)
 
 
 class _System:

@@ -13,7 +13,7 @@ from facewright.mesh.laplacian import cotangent_laplacian
 from facewright.numeric.sparse_solve import SymmetricSolver
 
 #: Relative residual at which a solve stops: far below what one Gauss-Newton step leaves.
-_TOLERANCE = 1e-5
+_TOLERANCE = 1e-4
 _MOST_ITERATIONS = 40
 #: Solves that took more iterations than this with an old factor get a new one.
 _PATIENCE = 14
@@ -122,16 +122,16 @@ def _conjugate_gradients(
     if (np.linalg.norm(r, axis=0) <= limit).all():
         return x, 0
     z = preconditioner.solve(r)
-    p, rz = z.copy(), np.einsum("vc,vc->c", r, z)
+    p, rz = z.copy(), (r * z).sum(axis=0)
     for iteration in range(1, _MOST_ITERATIONS + 1):
         q = matrix @ p
-        alpha = rz / np.maximum(np.einsum("vc,vc->c", p, q), 1e-300)
+        alpha = rz / np.maximum((p * q).sum(axis=0), 1e-300)
         x = x + alpha * p
         r = r - alpha * q
         if (np.linalg.norm(r, axis=0) <= limit).all():
             return x, iteration
         z = preconditioner.solve(r)
-        new = np.einsum("vc,vc->c", r, z)
+        new = (r * z).sum(axis=0)
         p = z + (new / np.maximum(rz, 1e-300)) * p
         rz = new
     return x, _MOST_ITERATIONS
