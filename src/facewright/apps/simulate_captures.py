@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from facewright.apps.simulated_recording import SimulatedRecording, simulate_recording
 from facewright.apps.simulated_subject import SimulatedCaptureSubject, simulate_capture_subject
@@ -50,7 +51,8 @@ class SimulateCapturesRequest:
     landmarks : str
         ``none``, or ``refined`` for a sidecar of points on the first frame as a careful person would set them.
     truth : bool
-        Write ``truth.npz`` beside each subject's recordings: meshes, weights, blendshapes, poses.
+        Write ``truth.npz`` beside each subject's recordings: face, expressions (S,), acted weights (S, 46), meshes
+        (S, V, 3), neutral (V, 3), blendshape_deltas (46, V, 3), camera_from_model (S, T, 3, 4).
     """
 
     out: Path
@@ -144,7 +146,7 @@ def _write_subject(
     from facewright.capture.tum_writer import write_tum_recording
     from facewright.landmarks.files import write_landmarks
 
-    recordings: dict[str, SimulatedRecording] = {}
+    truths: dict[str, list[NDArray[np.floating]]] = {"weights": [], "meshes": [], "camera_from_model": []}
     for name in request.expressions:
         # of its own, so that a person acts an expression alike whichever others are asked for
         rng = np.random.default_rng((request.seed, number, 1 + EXPRESSION_NAMES.index(name)))
@@ -159,12 +161,22 @@ def _write_subject(
         write_tum_recording(folder / name, recording.frames())
         if request.landmarks == "refined":
             write_landmarks(folder / name / "landmarks-0.json", refined_landmarks(recording, 0, rng))
-        recordings[name] = recording
+        if request.truth:  # not the recording itself, which holds pictures
+            truths["weights"].append(recording.weights)
+            truths["meshes"].append(recording.vertices)
+            truths["camera_from_model"].append(_pose_table(recording))
         done += 1
         if progress is not None:
             progress("simulating captures", done, total)
     if request.truth:
-        _write_truth(folder / TRUTH_FILE, subject, recordings)
+        np.savez_compressed(
+            folder / TRUTH_FILE,
+            face=np.array(subject.face.name),
+            expressions=np.array(request.expressions),
+            neutral=subject.person.neutral,
+            blendshape_deltas=subject.person.deltas,
+            **{key: np.array(rows) for key, rows in truths.items()},
+        )
     (folder / "subject.json").write_text(json.dumps(dict(subject.attributes), indent=2) + "\n", encoding="utf-8")
 
 
@@ -174,19 +186,6 @@ def refined_landmarks(recording: SimulatedRecording, frame: int, rng: np.random.
     return Landmarks(truth.scheme, truth.points + rng.normal(0.0, REFINED_NOISE_PX, truth.points.shape))
 
 
-def _write_truth(path: Path, subject: SimulatedCaptureSubject, recordings: dict[str, SimulatedRecording]) -> None:
-    """Write what is known of a subject: expressions, acted weights, meshes, blendshapes, poses of each frame."""
-    poses = np.zeros((len(recordings), next(iter(recordings.values())).n_frames, 3, 4))
-    for row, recording in zip(poses, recordings.values()):
-        for pose, motion in zip(row, recording.camera_from_model):
-            pose[:, :3], pose[:, 3] = motion.rotation, motion.translation
-    np.savez_compressed(
-        path,
-        face=np.array(subject.face.name),
-        expressions=np.array(list(recordings)),
-        weights=np.array([recording.weights for recording in recordings.values()]),
-        meshes=np.array([recording.vertices for recording in recordings.values()]),
-        neutral=subject.person.neutral,
-        blendshape_deltas=subject.person.deltas,
-        camera_from_model=poses,
-    )
+def _pose_table(recording: SimulatedRecording) -> NDArray[np.float64]:
+    """Return camera_from_model = [R | t] of each frame, (T, 3, 4)."""
+    return np.array([np.column_stack([m.rotation, m.translation]) for m in recording.camera_from_model])
