@@ -68,7 +68,8 @@ def depth_factor(depths: Sequence[NDArray[np.floating]], name: str) -> tuple[flo
             f"got the nearest at {near:.4g}, which makes sense in no usual unit."
         )
     unit = _UNITS[factor]
-    _check_levels(depths, near, unit, name)
+    if factor > 1.0:
+        _check_levels(depths, near, unit, name)
     return factor, (
         f"Depths of {name} look like {unit}, not millimetres (the nearest things at {near:.4g}): "
         f"multiplied by {factor:g}."
