@@ -94,10 +94,8 @@ def _decoded(data: bytes, name: str | Path, mode: str | None) -> NDArray[Any]:
         width, height = picture.size
         if width * height > MAX_PIXELS:
             raise FileFormatError(f"{name} must have at most {MAX_PIXELS} pixels, got {width} x {height}.")
-        if mode is not None and picture.mode != mode:
-            deep = picture.mode.startswith(("I", "F"))
-            picture = picture if deep else picture.convert(mode)
-        return np.asarray(picture)
+        deep = picture.mode.startswith(("I", "F"))
+        return np.asarray(picture if mode is None or deep or picture.mode == mode else picture.convert(mode))
     except (FileFormatError, MemoryError):
         raise
     except Exception as error:  # decoders raise OSError, SyntaxError, ValueError, struct.error, zlib.error, ...
