@@ -1,0 +1,219 @@
+"""facewright build on the command line: exit codes, JSON, full disks, Ctrl-C; with a stand-in for the process."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from facewright.cli.build import duration
+from facewright.warehouse.store import Warehouse
+
+pytest.importorskip("zarr")
+pytest.importorskip("distributed")
+
+WAREHOUSE_TESTS = str(Path(__file__).parents[1] / "warehouse")
+sys.path.insert(0, WAREHOUSE_TESTS)
+import fake_process  # noqa: E402
+from build_fixtures import contents, read_everything, write_captures  # noqa: E402
+
+LAUNCH = (
+    f"import sys; sys.path.insert(0, {WAREHOUSE_TESTS!r}); import fake_process; "
+    "import facewright.warehouse.process_subject as real; real.process_subject = fake_process.process_subject; "
+    "from facewright.cli.main import run; run()"
+)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr("facewright.warehouse.process_subject.process_subject", fake_process.process_subject)
+
+
+@pytest.fixture
+def captures(tmp_path):
+    return write_captures(tmp_path / "captures", "anna", "ben")
+
+
+def test_all_built_exits_with_0_and_again_too(invoke, captures, tmp_path):
+    out = tmp_path / "faces.zarr"
+    first = invoke("build", captures, "-o", out, "--json")
+    assert first.exit_code == 0, first.output
+    found = json.loads(first.stdout)
+    assert found["built"] == ["anna", "ben"] and found["failed"] == {} and found["path"] == str(out)
+    assert all("lacks 19 of 20 expressions" in warning for warning in found["warnings"])
+    again = invoke("build", captures, "-o", out)
+    assert again.exit_code == 0 and "0 built, 2 already there, 0 failed" in again.stdout
+    assert "1 of 2: anna already there" in again.stderr
+
+
+def test_failures_are_listed_and_the_exit_code_is_3(invoke, captures, tmp_path):
+    write_captures(captures, "refused-1", "Anna")
+    write_captures(captures, "nobody", expressions=("smile",))
+    out = tmp_path / "faces.zarr"
+    result = invoke("build", captures, "-o", out, "--json")
+    assert result.exit_code == 3
+    found = json.loads(result.stdout)
+    assert found["built"] == ["ben"]
+    assert set(found["failed"]) == {"refused-1", "Anna", "anna", "nobody"} == set(Warehouse.open(out).failures())
+    assert found["failed"]["refused-1"] == {
+        "kind": "DegenerateError",
+        "reason": "the neutral of refused-1 must show a face, got a wall.",
+    }
+    assert "name of its own" in found["failed"]["anna"]["reason"]
+    assert "neutral" in found["failed"]["nobody"]["reason"]
+    spoken = invoke("build", captures, "-o", out)
+    assert spoken.exit_code == 3
+    assert "got a wall" in spoken.stdout and "0 built, 1 already there, 4 failed" in spoken.stdout
+    left = invoke("build", captures, "-o", out, "--skip-failed", "--json")
+    assert left.exit_code == 0 and json.loads(left.stdout)["already_there"] == ["ben"]
+    only = invoke("build", captures, "-o", out, "--only", "refused-1", "--json")
+    assert only.exit_code == 3 and list(json.loads(only.stdout)["failed"]) == ["refused-1"]
+
+
+def test_mistakes_end_in_one_sentence(refused, invoke, captures, tmp_path):
+    out = tmp_path / "faces.zarr"
+    assert "must be a folder of captures" in refused("build", tmp_path / "none", "-o", out)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    assert "one folder for each subject" in refused("build", empty, "-o", out)
+    assert "one subject's recordings: give" in refused("build", captures / "anna", "-o", out)
+    assert "only must name subjects" in refused("build", captures, "-o", out, "--only", "zoe")
+    assert "workers must be" in refused("build", captures, "-o", out, "--workers", 2, "--scheduler", "tcp://h:1")
+    assert "other processes reach" in refused("build", captures, "-o", "memory://x", "--workers", 1)
+    assert "face must be" in refused("build", captures, "-o", out, "--faces", "nobody")
+    foreign = tmp_path / "foreign"
+    foreign.mkdir()
+    (foreign / "letter.txt").write_text("dear")
+    assert "letter.txt" in refused("build", captures, "-o", foreign)
+    assert invoke("build", captures, "--workers", -1).exit_code == 2
+    assert not out.exists() or contents(out) == {}
+
+
+def test_a_database_of_another_face_is_refused(refused, captures, tmp_path):
+    from build_fixtures import tiny_topology
+
+    Warehouse.create(tmp_path / "tiny.zarr", tiny_topology())
+    assert "must be a database of" in refused("build", captures, "-o", tmp_path / "tiny.zarr")
+
+
+def test_a_full_disk_is_one_sentence_and_the_store_stays_usable(captures, tmp_path):
+    """On a disk with room for a few subjects: some are written, the build says why it stops, and goes on later."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    try:
+        mount = ["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", str(disk)]
+        subprocess.run(mount, check=True, capture_output=True, timeout=20)
+    except (OSError, subprocess.SubprocessError) as error:
+        pytest.skip(f"needs root and tmpfs to make a small disk: {error}")
+    try:
+        names = [f"person-{k}" for k in range(8)]
+        write_captures(captures, *names)
+        command = [sys.executable, "-c", LAUNCH, "build", str(captures), "-o", str(disk / "faces.zarr"), "--json"]
+        result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert result.returncode == 2, result.stderr
+        lines = result.stderr.strip().splitlines()
+        assert len(lines) == 1 and "no space left" in lines[0], lines
+        assert json.loads(result.stdout)["error"]["type"] == "StoreError"
+        there = contents(disk / "faces.zarr")
+        assert 1 <= len(there) < 10 and set(read_everything(disk / "faces.zarr")) == set(there)
+        subprocess.run(["mount", "-o", "remount,size=200m", str(disk)], check=True, capture_output=True, timeout=20)
+        result = subprocess.run(command, capture_output=True, text=True, timeout=120)
+        assert result.returncode == 0, result.stderr
+        found = contents(disk / "faces.zarr")
+        assert set(found) == {"anna", "ben", *names} and there.items() <= found.items()
+    finally:
+        subprocess.run(["umount", str(disk)], check=False, capture_output=True, timeout=20)
+
+
+@pytest.mark.parametrize(
+    ("stop", "workers"),
+    [
+        (signal.SIGINT, 0),
+        pytest.param(signal.SIGTERM, 0, marks=pytest.mark.slow),
+        pytest.param(signal.SIGINT, 2, marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, 2, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
+def test_stopped_by_a_signal_exits_with_130_and_goes_on_later(captures, tmp_path, stop, workers):
+    names = [f"person-{k}" for k in range(6)]
+    write_captures(captures, *names)
+    out = tmp_path / "faces.zarr"
+    command = [sys.executable, "-c", LAUNCH, "build", str(captures), "-o", str(out), "--workers", str(workers)]
+    environment = {**os.environ, "FAKE_PROCESS_SECONDS": "1.5"}
+    process = subprocess.Popen(
+        command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.time() + 60
+    while time.time() < deadline and not (out.exists() and list(out.glob("subjects/*/zarr.json"))):
+        time.sleep(0.05)
+    if stop is signal.SIGINT:
+        os.killpg(process.pid, stop)  # as a terminal does: to all processes
+    else:
+        process.send_signal(stop)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 130 and output == ""
+    last = errors.strip().splitlines()[-1]
+    assert last == "facewright: Interrupted; nothing half-written was left behind."
+    assert "Traceback" not in errors
+    there = contents(out)
+    assert 1 <= len(there) < 8 and Warehouse.open(out).failures() == {}
+    result = subprocess.run([*command[:-1], "0", "--json"], capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0
+    assert set(contents(out)) == {"anna", "ben", *names} and there.items() <= contents(out).items()
+
+
+def test_durations_are_read_at_a_glance():
+    assert [duration(s) for s in (0.2, 99, 100, 5400, 7500)] == ["0 s", "99 s", "2 min", "90 min", "2 h 05 min"]
+
+
+# --- models of databases -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def database(tmp_path_factory):
+    from facewright.faces import load_face
+    from facewright.warehouse.generated import GeneratedSubjects
+
+    face = load_face("builtin")
+    store = Warehouse.create(tmp_path_factory.mktemp("store") / "faces.zarr", face)
+    people = GeneratedSubjects(face, 6, seed=1)
+    for number in range(6):
+        store.write_subject(people.subject(number))
+    return store.url
+
+
+def test_a_model_of_a_database(invoke, database, tmp_path):
+    from facewright.models.bilinear_store import load_bilinear
+
+    out = tmp_path / "faces.fwbm"
+    result = invoke("model", "build", database, "-o", out, "--hold-out", 1, "--json")
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert (found["people"], found["identities"], found["expressions"]) == (5, 5, 47)
+    assert 0.1 < found["unseen_rms_mm"] < 20
+    model = load_bilinear(out)
+    assert model.provenance["source"] == "database" and model.provenance["n_people"] == 5
+    store = Warehouse.open(database)
+    names = [name for name in store.subject_names() if name != "generated-00002"]  # the one held out
+    truth = store.read_array(names[0], "blendshapes")
+    found = model.blendshapes(model.identity_weights[0])
+    np.testing.assert_allclose(found.neutral, truth[0], atol=0.05)  # mm; all components are kept
+    assert model.expression_names == store.blendshape_names
+    assert "6 people" in invoke("model", "build", database, "-o", out).stdout
+
+
+def test_models_of_databases_refuse_what_does_not_fit(refused, database, tmp_path):
+    out = tmp_path / "m.fwbm"
+    assert "--people must be given without a database" in refused("model", "build", database, "-o", out, "--people", 9)
+    assert "--hold-out must be given with a database" in refused("model", "build", "-o", out, "--hold-out", 1)
+    assert "at least two people" in refused("model", "build", database, "-o", out, "--hold-out", 5)
+    assert "at least two people" in refused("model", "build", database, "-o", out, "--where", "age > 200")
+    assert "must be a facewright database" in refused("model", "build", tmp_path / "none.zarr", "-o", out)
+    assert "does not exist" in refused("model", "build", database, "-o", tmp_path / "none" / "m.fwbm")
+    assert not out.exists()
