@@ -69,9 +69,7 @@ class GeneratedSubjects:
         ValueRangeError
             If there is no such subject.
         """
-        if not 0 <= number < self.count:
-            raise ValueRangeError(f"number must be in [0, {self.count - 1}], got {number}.")
-        rng = np.random.default_rng([self.seed, number])
+        rng = self._rng(number)
         shapes = self._shapes(rng)
         return Subject(
             name=self.name(number),
@@ -81,6 +79,15 @@ class GeneratedSubjects:
             attributes={"age": int(rng.integers(*_AGES)), "sex": "female" if rng.random() < 0.5 else "male"},
             provenance={"source": "generated", "face": self.face.name, "seed": self.seed, "number": number},
         )
+
+    def shapes(self, number: int) -> NDArray[np.float32]:
+        """Return the blendshapes (47, V, 3) of subject `number`, mm."""
+        return self._shapes(self._rng(number))
+
+    def _rng(self, number: int) -> np.random.Generator:
+        if not 0 <= number < self.count:
+            raise ValueRangeError(f"number must be in [0, {self.count - 1}], got {number}.")
+        return np.random.default_rng([self.seed, number])
 
     def _shapes(self, rng: np.random.Generator) -> NDArray[np.float32]:
         """Return (47, V, 3): the neutral and the neutral plus each blendshape."""
