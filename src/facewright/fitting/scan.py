@@ -246,6 +246,10 @@ class ScanFitter:
         linear = fit_linear(shapes, surface, term, self.visibility, start, stage1, pose_weights=np.maximum(still, 0.02))
         return self._refine(person.deformer, linear, surface, linear.coefficients)
 
+    def transferred_guide(self, neutral: ScanFit, guide_weights: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the guide's expression carried to a fitted person (V, 3), model space, before any fit to its scan."""
+        return neutral.vertices + self._prepare(neutral).shapes @ np.asarray(guide_weights, dtype=np.float64)
+
     def _prepare(self, neutral: ScanFit) -> _Person:
         """Return what all expressions of a person share: the last person's is kept."""
         if self._person is None or self._person.neutral is not neutral:
