@@ -155,9 +155,8 @@ def shade_fragments(
     gloss = np.broadcast_to(np.asarray(shininess, dtype=np.float32), (n_vertices,))
     packed = np.concatenate([normals, camera_vertices, gloss[:, None]], axis=1)
     values = fragments.interpolate(faces, packed)[covered]
-    n = values[:, :3] / np.maximum(np.linalg.norm(values[:, :3], axis=1, keepdims=True), 1e-9)
-    view = -values[:, 3:6] / np.maximum(np.linalg.norm(values[:, 3:6], axis=1, keepdims=True), 1e-9)
-    n = np.where((n * view).sum(1, keepdims=True) < -0.2, -n, n)  # inner walls seen from behind
+    n, view = _unit(values[:, :3]), _unit(-values[:, 3:6])
+    n = np.where(_dot(n, view)[:, None] < -0.2, -n, n)  # inner walls seen from behind
     colour = _albedo_samples(fragments, covered, faces, albedo, n_vertices)
     up = 0.5 - 0.5 * n[:, 1:2]
     light = up * np.asarray(lights.sky, np.float32) + (1 - up) * np.asarray(lights.ground, np.float32)
@@ -167,12 +166,19 @@ def shade_fragments(
         cosine = n @ towards
         # wrapped diffuse: light bleeds a little past the terminator in skin
         diffuse = np.clip((cosine + 0.25) / 1.25, 0.0, None) ** 1.3
-        half = view + towards
-        half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-9)
-        sheen = _power_22(np.clip((n * half).sum(1), 0.0, None)) * (cosine > 0)
+        half = _unit(view + towards)
+        sheen = _power_22(np.clip(_dot(n, half), 0.0, None)) * (cosine > 0)
         light += diffuse[:, None] * intensity
         highlight += sheen[:, None] * intensity
     return _roll_off(colour * light + values[:, 6:7] * highlight).astype(np.float32)
+
+
+def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+    return np.einsum("ij,ij->i", a, b)
+
+
+def _unit(vectors: NDArray[Any]) -> NDArray[Any]:
+    return vectors / np.maximum(np.sqrt(_dot(vectors, vectors)), 1e-9)[:, None]
 
 
 def _power_22(x: NDArray[Any]) -> NDArray[Any]:
