@@ -110,8 +110,9 @@ def read_tester(tester: Path, topology: Topology, *, unit: str = "auto", picture
 
     Notes
     -----
-    Poses whose landmarks or pictures are absent keep NaN or nothing there. A pose is moved rigidly where it does not
-    lie on the blendshapes' neutral by more than 1 degree or 5 mm, judged by the half of the vertices that move least.
+    Poses whose landmarks or pictures are absent keep NaN or nothing there. A pose is moved rigidly where it lies off
+    the blendshapes' neutral by more than 1 degree or 5 mm and comes at least twice as near by it, judged by the half of
+    the vertices that move least.
     """
     shapes, source = _read_shapes(tester, topology)
     poses = _read_poses(tester, topology)
@@ -207,12 +208,15 @@ def _positions(path: Path, topology: Topology) -> NDArray[Any]:
 
 def _onto(frame: NDArray[np.float64], pose: NDArray[Any]) -> tuple[NDArray[Any], dict[str, float] | None]:
     """Move a pose rigidly onto the neutral by the vertices that move least, where it lies elsewhere; mm."""
-    still = np.ones(len(frame), dtype=bool)
+    still, distance = np.ones(len(frame), dtype=bool), np.empty(0)
     motion = Similarity(1.0, np.eye(3), np.zeros(3))
     for _ in range(5):
         motion = estimate_similarity(pose[still], frame[still], with_scale=False)
         distance = np.linalg.norm(motion.apply(pose) - frame, axis=1)
         still = distance <= np.median(distance)
+    before = np.linalg.norm(pose - frame, axis=1)
+    if np.median(distance) > 0.5 * np.median(before):  # a wide expression, not another frame
+        return pose, None
     angle = float(np.arccos(np.clip((np.trace(motion.rotation) - 1) / 2, -1, 1)))
     centre = pose[still].mean(axis=0)
     shift = float(np.linalg.norm(motion.apply(centre) - centre))

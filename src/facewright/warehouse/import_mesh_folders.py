@@ -55,9 +55,9 @@ def list_mesh_folders(root: str | Path) -> list[Path]:
         If there is none.
     """
     root = Path(root)
-    folders = [path for path in _entries(root) if path.is_dir() and _meshes(path)]
+    folders = [path for path in _entries(root) if path.is_dir() and any(map(_is_mesh, _entries(path)))]
     if not folders:
-        hint = f": it looks like one person, give {root.parent}" if _meshes(root) else ""
+        hint = f": it looks like one person, give {root.parent}" if any(map(_is_mesh, _entries(root))) else ""
         raise FileFormatError(
             f"{root} must hold one folder for each person with meshes (.obj or .ply) named after expressions in it, "
             f"got none{hint}."
@@ -191,7 +191,7 @@ def _positions(path: Path, topology: Topology) -> NDArray[np.floating[Any]]:
 def _meshes(folder: Path) -> dict[str, Path]:
     found: dict[str, Path] = {}
     for path in _entries(folder):
-        if path.suffix.lower() not in SUFFIXES or not path.is_file():
+        if not _is_mesh(path):
             continue
         if path.stem in found:
             raise FileFormatError(
@@ -199,6 +199,10 @@ def _meshes(folder: Path) -> dict[str, Path]:
             )
         found[path.stem] = path
     return found
+
+
+def _is_mesh(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES and path.is_file()
 
 
 def _in_usual_order(expressions: Mapping[str, Path]) -> dict[str, Path]:

@@ -67,7 +67,7 @@ def _no_store(objects: Objects) -> StoreError | FileFormatError:
     names = objects.names_in("")
     if names and set(names) <= set(GROUPS):
         return StoreError(
-            f"{objects.url} must be a facewright database, got one whose making was stopped; build again."
+            f"{objects.url} must be a database, got one whose making was stopped; make it again."
         )
     if names:
         return FileFormatError(f"{objects.url} must be a facewright database, got something else: no {ROOT} in it.")
