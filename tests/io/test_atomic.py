@@ -189,3 +189,53 @@ def test_errors_of_a_set_name_the_final_place(tmp_path):
     ):
         raise OSError(errno.ENOSPC, "full")
     assert str(tmp_path / "out" / "a.txt") in str(caught.value) and ".part" not in str(caught.value)
+
+
+def write_folder(folder, text):
+    (folder / "sub" / "deep").mkdir(parents=True)
+    (folder / "sub" / "deep" / "a.txt").write_text(text)
+    (folder / "z.txt").write_text(text)
+
+
+def test_a_set_may_hold_folders_which_are_replaced_as_a_whole(tmp_path):
+    out = tmp_path / "out"
+    with write_set_atomically(out) as temporary:
+        write_folder(temporary, "old")
+        (temporary / "sub" / "stale.txt").write_text("old")
+    with write_set_atomically(out) as temporary:
+        write_folder(temporary, "new")
+    assert (out / "sub" / "deep" / "a.txt").read_text() == "new"
+    assert listing(out / "sub") == ["deep"]
+    assert listing(tmp_path) == ["out"]
+
+
+def test_folders_and_files_do_not_replace_each_other(tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "sub").write_text("a file")
+    with pytest.raises(StoreError, match="must be a folder to write"), write_set_atomically(out) as temporary:
+        write_folder(temporary, "new")
+    assert (out / "sub").read_text() == "a file"
+    (out / "sub").unlink()
+    (out / "z.txt").mkdir()
+    with pytest.raises(StoreError, match="must be a file to write"), write_set_atomically(out) as temporary:
+        write_folder(temporary, "new")
+    assert listing(out) == ["z.txt"]
+
+
+def test_a_set_with_folders_that_fails_half_way_leaves_all_as_it_was(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with write_set_atomically(out) as temporary:
+        write_folder(temporary, "old")
+    real = os.replace
+
+    def replace(source, target):
+        if str(target).endswith("out/z.txt") and not str(source).endswith(".old/z.txt"):
+            raise OSError(5, "Input/output error")
+        real(source, target)
+
+    monkeypatch.setattr("facewright.io.atomic.os.replace", replace)
+    with pytest.raises(StoreError, match="Input/output error"), write_set_atomically(out) as temporary:
+        write_folder(temporary, "new")
+    assert (out / "sub" / "deep" / "a.txt").read_text() == "old"
+    assert (out / "z.txt").read_text() == "old"

@@ -1,4 +1,4 @@
-"""The whole tour: a population, its bilinear model, a photograph found in it, a rig to take along, and a page."""
+"""The whole tour: a person captured, a database, its model, a photograph found in it, rigs to take along, a page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from facewright.apps.build_model import BuildModelRequest, build_model
+from facewright.apps.demo_captures import CAPTURED, DemoDatabase, build_demo_database
 from facewright.apps.demo_page import Figure, Section, write_demo_page
 from facewright.apps.demo_page import Picture as PagePicture
 from facewright.apps.demo_pictures import Picture, fit_pictures, people_sheet, person_painter, person_texture
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 
-N_PEOPLE, N_IDENTITY, N_EXPRESSION = 60, 40, 47
+N_SIMULATED, N_IDENTITY, N_EXPRESSION = 59, 40, 47
 N_UNSEEN = 3
 PORTRAIT = (300, 260)
 EXPRESSIONS = (
@@ -59,6 +59,10 @@ class DemoResult:
         Path of the page.
     seconds : float
         Wall-clock time of all of it.
+    capture_seconds : float
+        From the captured person's recordings to 46 blendshapes.
+    captured_rms_mm, captured_mean_face_rms_mm : float
+        Distance of the captured neutral, and of the mean face, from the true surface, root mean square over the face.
     fit_ms : float
         Time of fitting the photo, without the detector and without compilation.
     reprojection_iod : float
@@ -71,6 +75,9 @@ class DemoResult:
 
     page: str
     seconds: float
+    capture_seconds: float
+    captured_rms_mm: float
+    captured_mean_face_rms_mm: float
     fit_ms: float
     reprojection_iod: float
     unseen_rms_mm: float
@@ -118,10 +125,9 @@ def _tour(out: Path, seed: int, start: float, progress: Progress | None) -> Demo
     faces = detector.detect(photo)
     if not faces:
         raise NoFaceError("the demo's portrait must show a face, the detector found none.")
-    built = build_model(
-        BuildModelRequest(out / "model.fwbm", "builtin", N_PEOPLE, N_IDENTITY, N_EXPRESSION, seed, n_unseen=0), progress
-    )
-    face, model = load_face("builtin"), built.model
+    face = load_face("builtin")
+    database = build_demo_database(out, face, N_SIMULATED, (N_IDENTITY, N_EXPRESSION), seed, progress)
+    model = database.model
     unseen_rms, mean_rms = _unseen_errors(model, face, seed, progress)
     fit, fit_ms = _timed_fit(model, faces[0], (photo.shape[0], photo.shape[1]))
     texture = person_texture(photo, fit)
@@ -136,14 +142,17 @@ def _tour(out: Path, seed: int, start: float, progress: Progress | None) -> Demo
     result = DemoResult(
         page=str(out / "index.html"),
         seconds=time.perf_counter() - start,
+        capture_seconds=database.capture_seconds,
+        captured_rms_mm=database.neutral_rms_mm,
+        captured_mean_face_rms_mm=database.mean_face_rms_mm,
         fit_ms=fit_ms,
         reprojection_iod=fit.reprojection_iod,
         unseen_rms_mm=unseen_rms,
         mean_face_rms_mm=mean_rms,
-        model_mb=built.n_bytes / 1e6,
+        model_mb=database.model_bytes / 1e6,
         glb_mb=exported.n_bytes / 1e6,
     )
-    _write_page(out, result, model, fit)
+    _write_page(out, result, database, fit)
     return result
 
 
@@ -220,9 +229,20 @@ def _plain_colours(face: Face) -> NDArray[np.uint8]:
     return np.round(np.clip(colours, 0, 1) * 255).astype(np.uint8)
 
 
-def _write_page(out: Path, result: DemoResult, model: BilinearModel, fit: PhotoFit) -> None:
+def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: PhotoFit) -> None:
+    model = database.model
     yaw, pitch, roll = fit.head_angles_degrees
     sections = [
+        Section(
+            "A person before a depth camera",
+            f"A simulated person acted 20 expressions before a simulated Kinect, turning the head: {database.n_frames} "
+            "noisy frames. Each recording was fused into one smooth depth map, a template was fitted to it, and the "
+            "20 meshes became 46 personal blendshapes (FaceWarehouse, 3.1-3.2).",
+            [[PagePicture("captured_captures.png", "Points found in the picture, fused depth, the fitted mesh, the "
+                          "mesh over the picture, and its distance from the depth.")],
+             [PagePicture("captured_expressions.png", "The 20 fitted expressions, eyes and teeth added.")],
+             [PagePicture("captured_blendshapes.png", "Some of the 46 blendshapes: most of them nobody acted.")]],
+        ),
         Section(
             "One photograph",
             "A detector finds points on the photo (green). The model is turned, scaled and shaped until its points "
@@ -248,15 +268,22 @@ def _write_page(out: Path, result: DemoResult, model: BilinearModel, fit: PhotoF
             [[PagePicture("attributes.png", "Five attributes from -2 to +2 standard deviations.")]],
         ),
         Section(
-            "Where it comes from",
-            f"{N_PEOPLE} people were made up from the built-in face, with {len(model.expression_names)} shapes each; "
-            f"their tensor was decomposed into {model.n_identity} identity and {model.n_expression} expression parts.",
-            [[PagePicture("people.png", "Ten of such people.")],
+            "The database and its model",
+            f"The captured person and {N_SIMULATED} simulated ones stand in a database, faces.zarr, with "
+            f"{len(model.expression_names)} shapes each; their tensor was decomposed into {model.n_identity} identity "
+            f"and {model.n_expression} expression parts. All that follows uses this model.",
+            [[PagePicture("people.png", "Ten simulated people.")],
              [PagePicture("model.png", "The leading ways to differ: in identity (first three rows, -2 to +2 standard "
                           "deviations) and in expression (from one end of the training shapes to the other).")]],
         ),
     ]  # fmt: skip
     figures = [
+        Figure("capture to blendshapes", f"{result.capture_seconds:.0f} s", f"{database.n_frames} frames to 46 shapes "
+               "of one person, points found by the detector"),
+        Figure("captured neutral, error", f"{result.captured_rms_mm:.2f} mm", "from the true surface (RMS over the "
+               "face)"),
+        Figure("the same, mean face", f"{result.captured_mean_face_rms_mm:.2f} mm", "the trivial answer, for "
+               "comparison"),
         Figure("landmarks off by", f"{100 * result.reprojection_iod:.1f} %", "mean distance between found and fitted "
                "points in the photo, as a share of the distance between the eyes"),
         Figure("fit of the photo", f"{result.fit_ms:.0f} ms", "once the points are found"),
@@ -270,6 +297,8 @@ def _write_page(out: Path, result: DemoResult, model: BilinearModel, fit: PhotoF
     files = [
         ("person.glb", "the person as a rig with 46 morph targets, photo texture and a short animation: Blender, "
          "Unity, Unreal, three.js and others open it"),
+        ("faces.zarr", "the database: facewright warehouse ls faces.zarr"),
+        (f"captures/{CAPTURED}/neutral/rgb.txt", "the recordings, as folders of pictures: facewright capture show"),
         ("model.fwbm", "the bilinear model: facewright fit PHOTO --model model.fwbm"),
     ]  # fmt: skip
     write_demo_page(

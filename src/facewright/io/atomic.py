@@ -76,10 +76,11 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def write_set_atomically(folder: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary folder; on success its files move to `folder`, on any failure nothing of them stays.
+    """Yield a temporary folder; on success what it holds moves to `folder`, on any failure nothing of it stays.
 
-    Files of other names that `folder` holds stay. After a failure (full disk, Ctrl-C, an error of the body) older
-    files of the same names are as they were, and folders that were made for the set are gone.
+    Files and folders of other names that `folder` holds stay; a folder of the same name is replaced as a whole. After
+    a failure (full disk, Ctrl-C, an error of the body) older ones of the same names are as they were, and folders that
+    were made for the set are gone.
 
     Parameters
     ----------
@@ -89,12 +90,13 @@ def write_set_atomically(folder: str | os.PathLike[str]) -> Iterator[Path]:
     Yields
     ------
     pathlib.Path
-        Existing, empty folder on the same disk, for files without folders of their own.
+        Existing, empty folder on the same disk.
 
     Raises
     ------
     StoreError
-        If `folder` cannot be made, permission is missing, the disk is full, or one of its files is a folder or device.
+        If `folder` cannot be made, permission is missing, the disk is full, or one of its names is taken by something
+        that it must not replace: a folder by a file, a file by a folder, a device.
         Messages of the body's StoreErrors name the final place. Other errors pass through unchanged.
 
     Examples
@@ -139,7 +141,7 @@ def _move_files(temporary: Path, target: Path, missing: list[Path]) -> None:
         for path in missing:
             path.mkdir()
         for name in names:
-            _check_target(target / name)
+            _check_replaceable(temporary / name, target / name)
         for name in names:
             if os.path.lexists(target / name):
                 os.replace(target / name, old / name)  # noqa: PTH105
@@ -162,10 +164,18 @@ def _move_files(temporary: Path, target: Path, missing: list[Path]) -> None:
 def _move_back(temporary: Path, target: Path, names: list[str]) -> None:
     for name in names:
         with suppress(OSError):
-            if not os.path.lexists(temporary / name):  # it had been moved
-                (target / name).unlink(missing_ok=True)
+            if not os.path.lexists(temporary / name) and os.path.lexists(target / name):  # it had been moved
+                os.replace(target / name, temporary / name)  # noqa: PTH105
             if os.path.lexists(temporary / ".old" / name):
                 os.replace(temporary / ".old" / name, target / name)  # noqa: PTH105
+
+
+def _check_replaceable(new: Path, target: Path) -> None:
+    """Refuse what must not be replaced: a folder gives way to a folder only."""
+    if not new.is_dir():
+        _check_target(target)
+    elif os.path.lexists(target) and (target.is_symlink() or not target.is_dir()):
+        raise StoreError(f"{target} must be a folder to write, got a file.")
 
 
 def _check_target(target: Path) -> None:
