@@ -13,6 +13,7 @@ from facewright.capture.face_rectangle import (
     HeadRegion,
     Rectangle,
     check_rectangle,
+    chin_row,
     head_region,
     rectangle_from_depth,
     rectangle_from_landmarks,
@@ -133,22 +134,25 @@ def fuse(
     if reference is not None and not 0 <= reference < source.n_frames:
         raise ValueRangeError(f"reference must be a frame in [0, {source.n_frames}), got {reference}.")
     warnings: list[str] = []
-    anchor, box = _find_face(source, rectangle, reference, detector, warnings)
+    anchor, box, chin = _find_face(source, rectangle, reference, detector, warnings)
     picture = source.frame(anchor)
     region = head_region(picture.depth, picture.intrinsics, box, anchor)
     window = _window(region, (picture.size[0], picture.size[1]))
     frames = _read(source, picture.size, window, progress)
     if len(frames) == 1:
         return _single(picture, anchor, box, region, warnings)
-    first = track_sequence(frames, region, anchor, options.tracking_voxel_mm, 4 * options.tracking_voxel_mm, progress)
+    first = track_sequence(
+        frames, region, chin, anchor, options.tracking_voxel_mm, 4 * options.tracking_voxel_mm, progress
+    )
     if reference is None and detector is None:
         reference = middle_of_turn(first.poses)
         if reference != anchor:
             picture = source.frame(reference)
             box = box if rectangle is not None else rectangle_from_depth(picture.depth, picture.intrinsics, reference)
             region = head_region(picture.depth, picture.intrinsics, box, reference)
+            chin = chin_row(box, None)
     chosen = anchor if reference is None else reference
-    model = refine_model(frames, region, first, chosen, options.voxel_mm, options.truncation_mm, progress)
+    model = refine_model(frames, region, chin, first, chosen, options.voxel_mm, options.truncation_mm, progress)
     _check_tracked(model, options)
     return _finish(picture, chosen, box, region, frames, model, options, warnings)
 
@@ -188,23 +192,29 @@ def _find_face(
     reference: int | None,
     detector: LandmarkDetector | None,
     warnings: list[str],
-) -> tuple[int, Rectangle]:
-    """Return the frame to start at, which is the reference where that is known, and the face rectangle in it."""
+) -> tuple[int, Rectangle, float]:
+    """Return the frame to start at (the reference where that is known), the face rectangle and the chin's row in it."""
+    landmarks = None
     if detector is not None and reference is None:
-        found = most_frontal(source, detector)
-        size = source.frame(found.index).size
-        box = rectangle_from_landmarks(found.landmarks, size) if rectangle is None else rectangle
-        return found.index, check_rectangle(box, size)
-    anchor = source.n_frames // 2 if reference is None else reference
-    picture = source.frame(anchor)
+        anchor, landmarks = most_frontal(source, detector)
+        picture = source.frame(anchor)
+    else:
+        anchor = source.n_frames // 2 if reference is None else reference
+        picture = source.frame(anchor)
+        if detector is not None and rectangle is None:
+            landmarks = next(iter(detector.detect(picture.color)), None)
+            if landmarks is None:
+                warnings.append(f"The detector found no face in frame {anchor}: the rectangle was told from the depth.")
     if rectangle is not None:
-        return anchor, check_rectangle(rectangle, picture.size)
-    if detector is not None:
-        faces = detector.detect(picture.color)
-        if faces:
-            return anchor, rectangle_from_landmarks(faces[0], picture.size)
-        warnings.append(f"The detector found no face in frame {anchor}: the face rectangle was told from the depth.")
-    return anchor, rectangle_from_depth(picture.depth, picture.intrinsics, anchor)
+        box = check_rectangle(rectangle, picture.size)
+        # landmarks of another face, or a rectangle without the chin
+        known = landmarks if landmarks is not None and box[1] < landmarks.box[3] <= box[3] else None
+        return anchor, box, chin_row(box, known)
+    if landmarks is not None:
+        box = rectangle_from_landmarks(landmarks, picture.size)
+    else:
+        box = rectangle_from_depth(picture.depth, picture.intrinsics, anchor)
+    return anchor, box, chin_row(box, landmarks)
 
 
 def _window(region: HeadRegion, size: tuple[int, int]) -> Rectangle:

@@ -25,6 +25,8 @@ LEAST_SHARE, MOST_RMS_MM = 0.35, 4.5
 _MOST_TURN, _MOST_SHIFT_MM = np.deg2rad(25.0), 80.0
 #: Frames from other sides see a little of what lies outside the reference frame's frustum.
 _MARGIN_MM = 12.0
+#: A view of the model serves the frames near it: casting rays costs more than tracking.
+_VIEW_TURN, _VIEW_SHIFT_MM = np.deg2rad(4.0), 8.0
 _STILL = RigidMotion(np.eye(3), np.zeros(3))
 
 
@@ -91,6 +93,7 @@ def make_volume(region: HeadRegion, voxel_mm: float, truncation_mm: float) -> De
 def track_sequence(
     frames: list[DepthFrame],
     region: HeadRegion,
+    chin: float,
     anchor: int,
     voxel_mm: float,
     truncation_mm: float,
@@ -104,6 +107,8 @@ def track_sequence(
         In order.
     region : HeadRegion
         What belongs to the head, in the frame of the anchor's camera.
+    chin : float
+        Row of the anchor's picture below which nothing is tracked.
     anchor : int
         Where to start; its pose is the identity.
     voxel_mm, truncation_mm : float
@@ -113,6 +118,7 @@ def track_sequence(
     """
     volume = make_volume(region, voxel_mm, truncation_mm)
     wide = region.grown(_MARGIN_MM)
+    rigid = wide.above(chin)
     poses: list[RigidMotion | None] = [None] * len(frames)
     tracked: list[Tracked | None] = [None] * len(frames)
     centre = region.corners.mean(axis=0)
@@ -122,11 +128,12 @@ def track_sequence(
     volume.integrate(smoothed(halves[anchor].on_head(region, _STILL)), halves[anchor].intrinsics, _STILL)
     done = 1
     for order in (range(anchor + 1, len(frames)), range(anchor - 1, -1, -1)):
-        pose = _STILL
+        pose, model = _STILL, None
         for i in order:
             frame = halves[i]
-            model = frame.view(volume, pose)
-            found = track_frame(frame.on_head(wide, pose), frame.intrinsics, model, pose, centre)
+            if model is None or is_far(pose, model.volume_from_camera, centre):
+                model = frame.view(volume, pose)
+            found = track_frame(frame.on_head(rigid, pose), frame.intrinsics, model, pose, centre)
             if is_tracked(found, pose, centre):
                 pose = found.volume_from_frame
                 poses[i], tracked[i] = pose, found
@@ -140,6 +147,7 @@ def track_sequence(
 def refine_model(
     frames: list[DepthFrame],
     region: HeadRegion,
+    chin: float,
     first: HeadModel,
     reference: int,
     voxel_mm: float,
@@ -154,6 +162,8 @@ def refine_model(
         See `track_sequence`.
     region : HeadRegion
         Around the reference frame, in the frame of its camera.
+    chin : float
+        Row of the reference frame's picture below which nothing is tracked.
     first : HeadModel
         From `track_sequence`.
     reference : int
@@ -161,17 +171,20 @@ def refine_model(
     """
     volume = make_volume(region, voxel_mm, truncation_mm)
     wide = region.grown(_MARGIN_MM)
+    rigid = wide.above(chin)
     start = first.poses[reference]
     assert start is not None
     region_from_volume = start.inverse()
     centre = start.apply(region.corners.mean(axis=0))
     poses: list[RigidMotion | None] = [None] * len(frames)
     tracked: list[Tracked | None] = [None] * len(frames)
+    model = None
     for i, (frame, pose) in enumerate(zip(frames, first.poses)):
         if pose is not None:
             half = frame.half
-            model = half.view(first.volume, pose)
-            head = half.on_head(wide, region_from_volume.after(pose))
+            if model is None or is_far(pose, model.volume_from_camera, centre):
+                model = half.view(first.volume, pose)
+            head = half.on_head(rigid, region_from_volume.after(pose))
             found = track_frame(head, half.intrinsics, model, pose, centre, FINE_LEVELS)
             if is_tracked(found, pose, centre):
                 poses[i], tracked[i] = found.volume_from_frame, found
@@ -198,6 +211,13 @@ def is_tracked(found: Tracked, start: RigidMotion, centre: NDArray[np.float64]) 
     shift = float(np.linalg.norm(motion.apply(centre) - centre))
     turn = rotation_angle(np.eye(3), motion.rotation)
     return found.share >= LEAST_SHARE and found.rms_mm <= MOST_RMS_MM and turn <= _MOST_TURN and shift <= _MOST_SHIFT_MM
+
+
+def is_far(pose: RigidMotion, other: RigidMotion, centre: NDArray[np.float64]) -> bool:
+    """Tell whether a camera has moved so far round the head that it needs a view of its own."""
+    motion = pose.after(other.inverse())
+    turn = rotation_angle(np.eye(3), motion.rotation)
+    return turn > _VIEW_TURN or float(np.linalg.norm(motion.apply(centre) - centre)) > _VIEW_SHIFT_MM
 
 
 def smoothed(depth: NDArray[np.float32], sigma_pixels: float = 1.5, reach_mm: float = 8.0) -> NDArray[np.float32]:
