@@ -97,7 +97,7 @@ def make_hair(
     places = weights @ skin
     ramp = np.clip((weights @ scalp - _HAIR_STARTS) / (_HAIR_FULL - _HAIR_STARTS), 0.0, 1.0)
     body = rng.uniform(5.0, 25.0) * (0.6 + 0.4 * np.clip((places[:, 1] - 20.0) / 90.0, 0.0, 1.0))
-    bumps = 1.0 + 0.5 * _scalar_field(places, 18.0, rng) * 0.5 + 0.12 * _scalar_field(places, 6.0, rng)
+    bumps = 1.0 + 0.25 * _scalar_field(places, 18.0, rng) + 0.12 * _scalar_field(places, 6.0, rng)
     thickness = body * np.clip(bumps, 0.4, 1.8) * np.sqrt(ramp) - 1.5 * (ramp <= 0)
     shades = 1.0 + 0.22 * _scalar_field(places * [1.0, 0.35, 0.35], 4.0, rng) + 0.10 * rng.normal(size=len(places))
     colours = np.clip(np.asarray(colour) * np.clip(shades, 0.5, 1.7)[:, None], 0.01, 0.95)
@@ -110,47 +110,46 @@ def make_hair(
 def make_glasses(face: Face, neutral: NDArray[np.floating], rng: np.random.Generator) -> tuple[Prop, Prop]:
     """Make up glasses that fit a head at rest: frame (rims, bridge, temples) and lenses."""
     points = neutral[face.topology.landmarks["fw74"].clip(0)].astype(np.float64)
-    skin = neutral[: face.n_skin].astype(np.float64)
-    right, left = points[27:35].mean(axis=0), points[35:43].mean(axis=0)
-    half_width = rng.uniform(0.66, 0.76) * 0.5 * np.linalg.norm(left - right)
-    half_height = half_width * rng.uniform(0.72, 0.95)
-    power = rng.uniform(2.0, 4.5)
-    tube = rng.uniform(0.9, 2.2)
+    eyes = points[27:35].mean(axis=0), points[35:43].mean(axis=0)  # right and left
+    half_width = rng.uniform(0.66, 0.76) * 0.5 * float(np.linalg.norm(eyes[1] - eyes[0]))
+    shape = half_width, half_width * rng.uniform(0.72, 0.95), rng.uniform(2.0, 4.5)
+    radius = rng.uniform(0.9, 2.2)
     tone = _FRAME_TONES[rng.integers(len(_FRAME_TONES))]
-    angle = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
-    rim_x = np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** (2.0 / power) * half_width
-    rim_y = np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** (2.0 / power) * half_height
-    front = max(points[45 - 1, 2] - 4.0, right[2] + 13.0, left[2] + 13.0)
-    tubes, lenses = [], []
-    corners = []
-    for centre, side in ((right, -1.0), (left, 1.0)):
-        rim = np.stack(
-            [
-                centre[0] + side * 2.0 + rim_x,
-                centre[1] - 4.0 + rim_y,
-                front - 0.0022 * (centre[0] + side * 2.0 + rim_x) ** 2 + 0.05 * rim_y,
-            ],
-            axis=1,
-        )
-        tubes.append(_tube(rim, tube, closed=True))
-        lenses.append(_fan(rim - [0.0, 0.0, 0.5]))
-        corners.append(rim[np.argmax(side * rim[:, 0] + 0.3 * rim[:, 1])])
+    front = max(points[44, 2] - 4.0, eyes[0][2] + 13.0, eyes[1][2] + 13.0)
+    rims = [_rim(centre, side, shape, front) for centre, side in zip(eyes, (-1.0, 1.0))]
+    tubes = [_tube(rim, radius, closed=True) for rim in rims]
     span = np.linspace(-1.0, 1.0, 9)
-    gap = max(abs(right[0] + half_width - 2.0), abs(left[0] - half_width + 2.0)) + 1.0
-    bridge = np.stack(
-        [gap * span, np.full(9, 0.5 * (right[1] + left[1]) - 1.0) + 3.0 * (1 - span**2), np.full(9, front)], axis=1
-    )
-    bridge[:, 2] = np.maximum(bridge[:, 2], points[43, 2] + 1.5)
-    tubes.append(_tube(bridge, tube))
+    gap = max(rims[1][:, 0].min(), -rims[0][:, 0].max()) + 1.0
+    height = 0.5 * (eyes[0][1] + eyes[1][1]) - 1.0
+    depth = max(front, points[43, 2] + 1.5)
+    tubes.append(_tube(np.stack([gap * span, height + 3.0 * (1 - span**2), np.full(9, depth)], axis=1), radius))
+    skin = neutral[: face.n_skin].astype(np.float64)
     ears = neutral[face.topology.landmarks["ibug68"][[0, 16]], 2].astype(np.float64) - 14.0
-    for corner, side, ear in zip(corners, (-1.0, 1.0), ears):
-        back = np.linspace(corner[2], ear, 12)
-        beside = skin[(np.abs(skin[:, 1] - corner[1]) < 8.0) & (side * skin[:, 0] > 0)]
-        reach = np.array([np.abs(beside[np.abs(beside[:, 2] - z) < 6.0, 0]).max(initial=0.0) for z in back])
-        across = np.maximum.accumulate(np.maximum(reach + tube, abs(corner[0])))
-        tubes.append(_tube(np.stack([side * across, np.full(12, corner[1]), back], axis=1), tube))
-    frame, lens = _join(tubes, tone), _join(lenses, np.full(3, 0.85))
-    return frame, lens
+    for rim, side, ear in zip(rims, (-1.0, 1.0), ears):
+        corner = rim[np.argmax(side * rim[:, 0] + 0.3 * rim[:, 1])]
+        tubes.append(_tube(_temple(skin, corner, side, ear, radius), radius))
+    return _join(tubes, tone), _join([_fan(rim - [0.0, 0.0, 0.5]) for rim in rims], np.full(3, 0.85))
+
+
+def _rim(eye: NDArray[np.float64], side: float, shape: tuple[float, float, float], front: float) -> NDArray[np.float64]:
+    """Return the outline of a lens (48, 3): a superellipse (half width, half height, power), bent round the face."""
+    half_width, half_height, power = shape
+    angle = np.linspace(0.0, 2.0 * np.pi, 49)[:-1]
+    c, s = np.cos(angle), np.sin(angle)
+    x = eye[0] + 2.0 * side + np.sign(c) * np.abs(c) ** (2.0 / power) * half_width
+    y = np.sign(s) * np.abs(s) ** (2.0 / power) * half_height
+    return np.stack([x, eye[1] - 4.0 + y, front - 0.0022 * x**2 + 0.05 * y], axis=1)
+
+
+def _temple(
+    skin: NDArray[np.float64], corner: NDArray[np.float64], side: float, ear: float, radius: float
+) -> NDArray[np.float64]:
+    """Return the line (12, 3) from the corner of a rim beside the head back to the ear."""
+    back = np.linspace(corner[2], ear, 12)
+    beside = skin[(np.abs(skin[:, 1] - corner[1]) < 8.0) & (side * skin[:, 0] > 0)]
+    reach = np.array([np.abs(beside[np.abs(beside[:, 2] - z) < 6.0, 0]).max(initial=0.0) for z in back])
+    across = np.maximum.accumulate(np.maximum(reach + radius, abs(corner[0])))
+    return np.stack([side * across, np.full(12, corner[1]), back], axis=1)
 
 
 def make_torso(face: Face, neutral: NDArray[np.floating], rng: np.random.Generator) -> Prop:
@@ -158,8 +157,26 @@ def make_torso(face: Face, neutral: NDArray[np.floating], rng: np.random.Generat
     skin = neutral[: face.n_skin].astype(np.float64)
     bottom, chin = skin[:, 1].min(), neutral[face.topology.landmarks["ibug68"][8], 1]
     collar = bottom + 0.45 * (chin - bottom)
-    wide = rng.uniform(0.88, 1.12)
-    # below the collar: half width, half depth, backwards shift of the middle
+    middle = _section(skin, collar)[1]
+    depth = np.concatenate([np.linspace(2.0, -90.0, 36), np.linspace(-100.0, -420.0, 20)])
+    curve = _torso_profile(skin, collar, rng.uniform(0.88, 1.12))(-depth)
+    angle = np.linspace(0.0, 2.0 * np.pi, 73)[:-1]
+    power = np.linspace(2.0, 2.6, len(depth))[:, None]
+    x = np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** (2.0 / power) * curve[:, :1]
+    z = np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** (2.0 / power) * curve[:, 1:2]
+    rings = np.stack(
+        [middle[0] + x, np.broadcast_to(collar + depth[:, None], x.shape), middle[2] + curve[:, 2:] + z], axis=2
+    )
+    vertices = rings.reshape(-1, 3)
+    folds = smooth_random_field(vertices, 45.0, 4.0, rng) * np.clip(-depth / 60.0, 0.0, 1.0).repeat(len(angle))[:, None]
+    colour = _CLOTHES[rng.integers(len(_CLOTHES))] * rng.uniform(0.8, 1.2)
+    stripes = 1.0 + rng.choice([0.0, 0.25]) * np.sign(np.sin(vertices[:, 1] / rng.uniform(4.0, 9.0)))
+    colours = np.clip(colour * (stripes * (1.0 + 0.03 * rng.normal(size=len(vertices))))[:, None], 0.02, 0.95)
+    return Prop(vertices + folds, _grid(len(depth), len(angle)), colours.astype(np.float32))
+
+
+def _torso_profile(skin: NDArray[np.float64], collar: float, wide: float) -> PchipInterpolator:
+    """Return a function of the way down from the collar: half width, half depth, backwards shift of the middle."""
     half, middle = _section(skin, collar)
     table = np.array(
         [
@@ -174,24 +191,10 @@ def make_torso(face: Face, neutral: NDArray[np.floating], rng: np.random.Generat
     )
     for row in table:  # wide enough for shoulders that the head's mesh brings along
         below, centre = _section(skin, collar + row[0])
-        row[1] = max(row[1], below[0] + 6.0)
-        row[2] = max(row[2], below[2] + 6.0 + abs(centre[2] - middle[2] - row[3]))
+        row[1] = max(row[1], below[0] + 12.0)
+        row[2] = max(row[2], below[2] + 8.0 + abs(centre[2] - middle[2] - row[3]))
     table[:, 1:3] = np.maximum.accumulate(table[:, 1:3], axis=0)
-    depth = np.concatenate([np.linspace(2.0, -90.0, 36), np.linspace(-100.0, -420.0, 20)])
-    curve = PchipInterpolator(-table[:, 0], table[:, 1:])(-depth)
-    angle = np.linspace(0.0, 2.0 * np.pi, 73)[:-1]
-    power = np.linspace(2.0, 2.6, len(depth))[:, None]
-    x = np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** (2.0 / power) * curve[:, :1]
-    z = np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** (2.0 / power) * curve[:, 1:2]
-    rings = np.stack(
-        [middle[0] + x, np.broadcast_to(collar + depth[:, None], x.shape), middle[2] + curve[:, 2:] + z], axis=2
-    )
-    vertices = rings.reshape(-1, 3)
-    folds = smooth_random_field(vertices, 45.0, 4.0, rng) * np.clip(-depth / 60.0, 0.0, 1.0).repeat(len(angle))[:, None]
-    colour = _CLOTHES[rng.integers(len(_CLOTHES))] * rng.uniform(0.8, 1.2)
-    stripes = 1.0 + rng.choice([0.0, 0.25]) * np.sign(np.sin(vertices[:, 1] / rng.uniform(4.0, 9.0)))
-    colours = np.clip(colour * (stripes * (1.0 + 0.03 * rng.normal(size=len(vertices))))[:, None], 0.02, 0.95)
-    return Prop(vertices + folds, _grid(len(depth), len(angle)), colours.astype(np.float32))
+    return PchipInterpolator(-table[:, 0], table[:, 1:])
 
 
 def _section(skin: NDArray[np.float64], height: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -17,6 +17,7 @@ from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.imaging.render import Lights, shade_fragments
 
 _NECK_RIGID_MM, _NECK_BENDS_MM = 12.0, 75.0  # below the chin: where the neck begins to bend, and over what length
+_COLLAR_MM = 18.0  # how far the neck is still there below the top of the clothes
 _GRAIN = 2.6  # standard deviation of a picture's noise, of 255
 _SOFT = 0.25  # weight of a pixel's neighbours in it, before and after
 
@@ -49,6 +50,7 @@ class CaptureScene:
         self.intrinsics, self.camera_from_torso = intrinsics, camera_from_torso
         self.lights = Lights(look.light_directions, look.light_colours, look.sky, look.ground)
         own = visible_faces(face)
+        own = own[~_under_clothes(subject)[own].any(axis=1)]
         V = face.topology.n_vertices
         posed = np.asarray(vertices, dtype=np.float64)
         props: list[Prop] = []
@@ -164,6 +166,14 @@ class CaptureScene:
         i, j = rng.integers(0, 64, 2)
         height, width = KINECT_SIZE
         return np.clip(color + self.grain[i : i + height, j : j + width], 0, 255).astype(np.uint8)
+
+
+def _under_clothes(subject: SimulatedCaptureSubject) -> NDArray[np.bool_]:
+    """Return the vertices of the face below the collar, where shoulders that a face brings along must not show."""
+    hidden = np.zeros(subject.face.topology.n_vertices, dtype=bool)
+    n = subject.face.n_skin
+    hidden[:n] = subject.person.neutral[:n, 1] < subject.torso.vertices[:, 1].max() - _COLLAR_MM
+    return hidden
 
 
 def _neck_bend(subject: SimulatedCaptureSubject) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
