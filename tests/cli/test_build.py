@@ -147,7 +147,13 @@ def test_stopped_by_a_signal_exits_with_130_and_goes_on_later(captures, tmp_path
     command = [sys.executable, "-c", LAUNCH, "build", str(captures), "-o", str(out), "--workers", str(workers)]
     environment = {**os.environ, "FAKE_PROCESS_SECONDS": "1.5"}
     process = subprocess.Popen(
-        command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        env=environment,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's background jobs ignore it
     )
     deadline = time.time() + 60
     while time.time() < deadline and not (out.exists() and list(out.glob("subjects/*/zarr.json"))):

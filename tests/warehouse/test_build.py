@@ -292,8 +292,12 @@ def test_two_builds_at_once_end_with_the_same_contents(tmp_path, undisturbed, pr
 
 
 def test_ctrl_c_is_no_failure_and_the_rest_follows_later(empty):
-    with pytest.raises(KeyboardInterrupt):
-        build(empty, captures_of("anna", "interrupted-1", "zoe"))
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            build(empty, captures_of("anna", "interrupted-1", "zoe"))
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert set(contents(empty)) == {"anna"} and empty.failures() == {}
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     assert build(empty, captures_of("anna", "zoe")).built == ("zoe",)

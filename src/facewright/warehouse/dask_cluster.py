@@ -238,14 +238,20 @@ def _local_cluster(workers: int, retries: int) -> Iterator[Cluster]:
         "distributed.scheduler.allowed-failures": retries,
     }
     try:
-        with dask.config.set(settings):
-            cluster = distributed.LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                dashboard_address=":0",
-                silence_logs=logging.CRITICAL,
-                preload=["facewright.warehouse.dask_worker"],
-            )
+        try:
+            with dask.config.set(settings):
+                cluster = distributed.LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    dashboard_address=":0",
+                    silence_logs=logging.CRITICAL,
+                    preload=["facewright.warehouse.dask_worker"],
+                )
+        except RuntimeError as error:
+            raise FacewrightError(
+                "worker processes must be able to start, got none; a script that starts them must do its work under "
+                "`if __name__ == '__main__':`, since each worker imports it."
+            ) from error
         with cluster, distributed.Client(cluster) as client:
             yield _Distributed(client, cluster.scheduler_address)
     finally:  # Dask sets the workers' environment in this process too
