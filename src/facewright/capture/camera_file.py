@@ -70,7 +70,7 @@ def read_camera_file(recording: Path) -> CameraFile:
             raise ValueRangeError(f"depth_per_metre must be positive, got {per_metre}.")
         turns = values.get("quarter_turns")
         return CameraFile(intrinsics, size, per_metre, None if turns is None else check_quarter_turns(turns))
-    except (ValueError, KeyError, TypeError, IndexError) as error:
+    except (ValueError, OverflowError, KeyError, TypeError, IndexError) as error:
         if isinstance(error, FileFormatError):
             raise
         found = f"no {error}" if isinstance(error, KeyError) else str(error)

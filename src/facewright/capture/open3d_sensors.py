@@ -207,7 +207,7 @@ def azure_intrinsics(path: Path, reader: Any, o3d: Any) -> Intrinsics | None:
         try:
             m = json.loads(file.read_bytes())["intrinsic_matrix"]
             return Intrinsics(float(m[0]), float(m[4]), float(m[6]), float(m[7])) if m[0] != 1.0 else None
-        except (ValueError, KeyError, TypeError, IndexError) as error:
+        except (ValueError, OverflowError, KeyError, TypeError, IndexError) as error:
             raise FileFormatError(f"{path} must state its colour camera, got {error!r}.") from error
 
 

@@ -19,6 +19,7 @@ from facewright.io.image import MAX_PIXELS
 
 _DEPTH_NAME = re.compile(r"rgbd/([0-9]{1,9})\.depth")
 _LOW_CONFIDENCE = 0
+_FRAMES_PER_SECOND = 30.0
 _MAX_JPEG_BYTES = 1 << 28
 
 
@@ -99,17 +100,16 @@ class Record3DSource:
             x, y = self._depth_size[1] / float(meta["w"]), self._depth_size[0] / float(meta["h"])
             # the centre of the first pixel is (0, 0) on both grids
             return Intrinsics(fx * x, fy * y, (cx + 0.5) * x - 0.5, (cy + 0.5) * y - 0.5)
-        except (ValueError, KeyError, TypeError, ZeroDivisionError) as error:
+        except (ValueError, OverflowError, KeyError, TypeError, ZeroDivisionError) as error:
             raise FileFormatError(
                 f"{self._path} must state its camera (K, w, h) in metadata, got {error!r}."
             ) from error
 
     def time(self, i: int) -> float:
-        """Return the frame's time."""
-        k, times = self._numbers[i], self._meta.get("frameTimestamps") or []
-        if k < len(times):
-            return float(times[k])
-        return k / float(self._meta.get("fps") or 30.0)
+        """Return the frame's time; by the frame rate where the file does not say."""
+        k, times = self._numbers[i], self._meta.get("frameTimestamps")
+        stated = _number(times[k]) if isinstance(times, list) and k < len(times) else None
+        return k / (_number(self._meta.get("fps")) or _FRAMES_PER_SECOND) if stated is None else stated
 
     def _read_metadata(self) -> dict[str, Any]:
         if "metadata" not in self._names:
@@ -118,7 +118,7 @@ class Record3DSource:
         try:
             meta = json.loads(text)
             w, h = int(meta.get("dw") or meta["w"]), int(meta.get("dh") or meta["h"])
-        except (ValueError, RecursionError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, RecursionError, OverflowError, KeyError, TypeError, AttributeError) as error:
             raise FileFormatError(
                 f"{self._path} must have JSON with w, h, dw, dh as metadata, got {error!r}."
             ) from error
@@ -155,3 +155,8 @@ class Record3DSource:
         if len(raw) != n_bytes:
             raise FileFormatError(f"{name} of {self._path} must hold {n_bytes} bytes, got {len(raw)}.")
         return raw
+
+
+def _number(value: Any) -> float | None:
+    """Return a JSON value as a finite number that is not negative, or None."""
+    return float(value) if isinstance(value, int | float) and 0 <= value < 1e300 else None

@@ -64,14 +64,14 @@ class TrueDepthSource:
             m = np.array(camera["intrinsic_matrix"], dtype=np.float64).reshape(3, 3).T
             scale = float(header["width"]) / float(camera["intrinsic_matrix_reference_dimensions_width"])
             return Intrinsics(m[0, 0] * scale, m[1, 1] * scale, m[0, 2] * scale, m[1, 2] * scale)
-        except (ValueError, KeyError, TypeError, ZeroDivisionError) as error:
+        except (ValueError, OverflowError, KeyError, TypeError, ZeroDivisionError) as error:
             raise FileFormatError(f"{self._files[i]} must say its camera_intrinsics, got {error!r}.") from error
 
     def time(self, i: int) -> float:
         """Return the frame's timestamp."""
         header, _, _ = self._read(self._files[i])
         value = header.get("timestamp", i)
-        return float(value) if isinstance(value, int | float) else float(i)
+        return float(value) if isinstance(value, int | float) and abs(value) < 1e300 else float(i)
 
 
 def _read_frame(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8], NDArray[np.float32]]:
@@ -88,7 +88,7 @@ def _read_frame(path: Path) -> tuple[dict[str, Any], NDArray[np.uint8], NDArray[
     try:
         header = json.loads(text)
         height, width = int(header["height"]), int(header["width"])
-    except (ValueError, RecursionError, KeyError, TypeError) as error:
+    except (ValueError, RecursionError, OverflowError, KeyError, TypeError) as error:
         raise FileFormatError(f"{path} must hold JSON with width and height in its metadata, got {error!r}.") from error
     if height < 2 or width < 2 or len(metres) != height * width or len(rgb) != height * width:
         raise FileFormatError(
@@ -110,7 +110,7 @@ def _lens(path: Path, header: dict[str, Any], width: int) -> LensTable | None:
         scale = width / float(camera["intrinsic_matrix_reference_dimensions_width"])
         centre = (camera["lens_distortion_center_x"] * scale, camera["lens_distortion_center_y"] * scale)
         return LensTable(centre, np.array(camera["inverse_lens_distortion_lookup_table"], dtype=np.float64))
-    except (ValueError, KeyError, TypeError, ZeroDivisionError) as error:
+    except (ValueError, OverflowError, KeyError, TypeError, ZeroDivisionError) as error:
         raise FileFormatError(f"{path} must state its lens distortion whole, got {error!r}.") from error
 
 
