@@ -59,7 +59,6 @@ BAD = {
     "newer.json": '{"format": "facewright landmarks", "version": 2, "points": [[1, 2]]}',
     "nan.json": '{"format": "facewright landmarks", "version": 1, "points": [[1, NaN]]}',
     "deep.json": '{"format": "facewright landmarks", "version": 1, "points": [[[1], 2]]}',
-    "solid.json": '{"format": "facewright landmarks", "version": 1, "points": [[1, 2, 3]]}',
     "nopoints.json": '{"format": "facewright landmarks", "version": 1}',
     "confidence.json": '{"format": "facewright landmarks", "version": 1, "points": [[1, 2]], "confidence": [2]}',
     "confidences.json": '{"format": "facewright landmarks", "version": 1, "points": [[1, 2]], "confidence": [1, 1]}',
@@ -98,3 +97,46 @@ def test_writing_refuses_what_reading_would(tmp_path):
     assert not list(tmp_path.iterdir())
     write_points(tmp_path / "a.json", points, confidence=np.array([1.0, 0.0]))
     assert read_points(tmp_path / "a.json").confidence.tolist() == [1.0, 0.0]
+
+
+@pytest.mark.parametrize("text", ["1,2,3\n4,5,6\n", "x;y;z\n1; 2; 3\n4; 5; 6\n", "nose 1 2 3\n# end\nchin\t4 5 6\n"])
+def test_tables_of_points(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    np.testing.assert_array_equal(read_points(tmp_path / "a.csv").points, [[1, 2, 3], [4, 5, 6]])
+
+
+@pytest.mark.parametrize("text", ["1,2,3\n4,5\n", "1,2,x\n", "1\n2\n", "1,2,nan\n", "a,b\n"])
+def test_broken_tables_are_refused(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(FileFormatError, match=r"a\.csv"):
+        read_points(tmp_path / "a.csv")
+
+
+def test_points_in_space_round_trip(tmp_path, rng):
+    points = rng.uniform(-0.1, 0.1, (74, 3))  # metres
+    confidence = np.ones(74)
+    confidence[3] = 0
+    points[3] = np.nan
+    write_points(tmp_path / "a.json", points, "fw74", confidence)
+    file = read_points(tmp_path / "a.json")
+    np.testing.assert_allclose(file.points, points, atol=1e-8)
+    assert file.confidence[3] == 0
+    with pytest.raises(ShapeError):
+        write_points(tmp_path / "a.pts", points[:3])
+
+
+def test_labelled_points_come_in_ibug_order(tmp_path):
+    sizes = {"chin": 17, "leye": 6, "reye": 6, "leyebrow": 5, "nose": 9, "reyebrow": 5, "mouth": 20}
+    labels, start = [], 0
+    for label, size in sizes.items():
+        labels.append({"label": label, "mask": list(range(start, start + size))})
+        start += size
+    points = [[float(k), 0.0, 0.0] for k in range(68)]
+    content = {"version": 3, "groups": {"LJSON": {"labels": labels, "landmarks": {"points": points}}}}
+    (tmp_path / "a.ljson").write_text(json.dumps(content))
+    order = read_points(tmp_path / "a.ljson").points[:, 0].astype(int).tolist()
+    brows, eyes = [*range(29, 34), *range(43, 48)], [*range(17, 29)]
+    assert order == [*range(17), *brows, *range(34, 43), *eyes, *range(48, 68)]
+    labels[0]["label"] = "something else"
+    (tmp_path / "a.ljson").write_text(json.dumps(content))
+    assert read_points(tmp_path / "a.ljson").points[:, 0].astype(int).tolist() == list(range(68))

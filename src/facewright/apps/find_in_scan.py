@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 
 #: Directions of the second search, when none of the 24 axis-aligned ones shows a face.
 _EVEN = 72
+#: A scan that is this many times longer than thick is more than a head: its ends are looked at as well.
+_LONG = 2.5
 #: Height of a face from the brows to the chin, by which pixels become millimetres before the unit is known.
 _BROW_TO_CHIN_MM = 120.0
 #: Turns about the face's axes, degrees (yaw, pitch), from which the landmarks are averaged.
@@ -81,7 +83,7 @@ def find_face(
         If there is one, but not of human size in any unit, or in the one that was given.
     """
     size_error: ValueRangeError | None = None
-    total = (24 + _EVEN) * len(_regions(viewer))
+    total = 24 * len(_regions(viewer)) + _EVEN
     for done, (rotation, middle, radius) in enumerate(_directions(viewer)):
         if progress is not None:
             progress("looking for the face", done, total)
@@ -227,9 +229,7 @@ def _regions(viewer: ScanViewer) -> list[tuple[Array, float]]:
     along = centred @ axes.T
     low, high = np.percentile(along, [0.5, 99.5], axis=0)
     extent = high - low
-    for k in np.flatnonzero(extent > 1.6 * extent.min()):
-        if k == 2:
-            continue
+    for k in np.flatnonzero(extent > _LONG * extent.min()):
         for end, sign in ((high[k], 1.0), (low[k], -1.0)):
             part = near[sign * (end - along[:, k]) <= 0.15 * extent[k]]
             if len(part) >= 100:
@@ -240,10 +240,11 @@ def _regions(viewer: ScanViewer) -> list[tuple[Array, float]]:
 def _directions(viewer: ScanViewer) -> Iterator[tuple[Array, Array, float]]:
     """Yield rotation, middle and radius of the pictures to look at, the likeliest first."""
     regions = _regions(viewer)
-    for rotations in (axis_rotations(), even_rotations(_EVEN)):
-        for middle, radius in regions:
-            for rotation in rotations:
-                yield rotation, middle, radius
+    for middle, radius in regions:
+        for rotation in axis_rotations():
+            yield rotation, middle, radius
+    for rotation in even_rotations(_EVEN):
+        yield rotation, *regions[0]
 
 
 def hand_placed(face: Face, landmarks: Array, confidence: Array, unit: str = "auto") -> FoundFace:

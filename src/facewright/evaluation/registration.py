@@ -60,12 +60,13 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     topology = face.topology.submesh(n)
     mean, faces = face.mean_shape[:n].astype(np.float64), topology.faces
     marks = topology.landmarks["ibug68"]
+    known = np.flatnonzero(marks >= 0)  # the built-in face has two of the contour on the neck
     basis = face.identity_basis[:, :n].astype(np.float64)
     options = RegistrationOptions(match_rim=True)  # template and target end alike
     fitter = ScanFitter(face, ScanFitOptions(n_modes=len(basis), region="head"))
     rng = np.random.default_rng(seed)
-    TemplateRegistration(mean, faces, options).register(mean, faces, marks, mean[marks])  # compiles
-    fitter.fit_neutral(_scan_target(face, mean, faces, mean[marks]))
+    TemplateRegistration(mean, faces, options).register(mean, faces, marks[known], mean[marks[known]])  # compiles
+    fitter.fit_neutral(_scan_target(face, mean, faces, marks))
     scores: dict[str, list[tuple[float, float, float]]] = {}
 
     def score(name: str, start: float, vertices: NDArray[np.float64], target: NDArray[np.float64]) -> None:
@@ -78,15 +79,15 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         chosen = rng.permutation(len(basis))[:_MODES]
         target = mean + np.tensordot(rng.standard_normal(_MODES), basis[chosen], axes=1)
         start = perf_counter()
-        ours = TemplateRegistration(mean, faces, options).register(target, faces, marks, target[marks])
+        ours = TemplateRegistration(mean, faces, options).register(target, faces, marks[known], target[marks[known]])
         score("", start, ours.vertices, target)
         score("landmarks_only_", start, ours.start, target)
         score("mean_face_", start, mean, target)
         start = perf_counter()
-        fit = fitter.fit_neutral(_scan_target(face, target, faces, target[marks]))
+        fit = fitter.fit_neutral(_scan_target(face, target, faces, marks))
         score("with_model_", start, fit.posed[:n], target)
         start = perf_counter()
-        peer = _nricp(mean, faces, target, marks)
+        peer = _nricp(mean, faces, target, marks[known])
         if peer is not None:
             score("nricp_", start, peer, target)
         if progress is not None:
@@ -102,10 +103,10 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
 
 
 def _scan_target(
-    face: Face, vertices: NDArray[np.float64], faces: NDArray[np.int32], marks: NDArray[np.float64]
+    face: Face, vertices: NDArray[np.float64], faces: NDArray[np.int32], marks: NDArray[np.int32]
 ) -> ScanTarget:
-    """Return a mesh with its 68 landmarks (68, 3) as what the scan fitter takes."""
-    points, confidence = landmarks_from_points(face, marks)
+    """Return a mesh with its 68 landmarks, vertices `marks`, as what the scan fitter takes."""
+    points, confidence = landmarks_from_points(face, np.where(marks[:, None] >= 0, vertices[marks], np.nan))
     return ScanTarget(vertices, vertex_normals(vertices, faces), faces, points, confidence)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from facewright.errors import FacewrightError, ShapeError
+from facewright.errors import FacewrightError, NoFaceError, ShapeError
 from facewright.faces.face import Face
 from facewright.fitting.registration import bend_by_landmarks
 from facewright.fitting.scan_placement import Placement, place_points
@@ -102,22 +102,12 @@ def _from_five(face: Face, points: Array) -> tuple[Array, Array]:
     ids = face.topology.landmarks["fw74"]
     model = face.mean_shape[np.maximum(ids, 0)].astype(np.float64)
     model[ids < 0] = np.nan
-    best: tuple[float, Placement, tuple[list[int], list[int]], Array] | None = None
-    failure: FacewrightError | None = None
-    for eyes in _EYES:
-        five = np.stack([np.nanmean(model[eyes[0]], 0), np.nanmean(model[eyes[1]], 0), *model[[_NOSE_TIP, *_MOUTH]]])
-        for order in ([0, 1, 2, 3, 4], [1, 0, 2, 4, 3]):
-            try:
-                placement = place_points(five, points[order], np.ones(5))
-            except FacewrightError as error:
-                failure = failure or error
-                continue
-            if best is None or placement.landmark_rms_mm < best[0]:
-                best = placement.landmark_rms_mm, placement, eyes, points[order]
-    if best is None:
-        assert failure is not None
-        raise failure
-    _, placement, eyes, ordered = best
+    placement, eyes, ordered = _best_of_five(model, points)
+    if _rms_upside_down(model, points) < placement.landmark_rms_mm:
+        raise NoFaceError(
+            "five landmarks must be two of the eyes, the tip of the nose and two of the mouth, in this order; "
+            "these fit better with eyes and mouth exchanged."
+        )
     landmarks = placement.scan_from_model.apply(model * placement.size)
     confidence = np.where(np.isfinite(landmarks).all(axis=1), _IMPLIED, 0.0)
     confidence[load_scheme("fw74").sliding] = 0.0
@@ -128,3 +118,31 @@ def _from_five(face: Face, points: Array) -> tuple[Array, Array]:
     confidence[[_NOSE_TIP, *_MOUTH]] = 1.0
     landmarks[confidence == 0] = np.nan
     return landmarks, confidence
+
+
+def _best_of_five(model: Array, points: Array) -> tuple[Placement, tuple[list[int], list[int]], Array]:
+    """Return the placement of the best reading of five points, which points of the eyes it takes, and their order."""
+    best: tuple[Placement, tuple[list[int], list[int]], Array] | None = None
+    failure: FacewrightError | None = None
+    for eyes in _EYES:
+        five = np.stack([model[eyes[0]].mean(axis=0), model[eyes[1]].mean(axis=0), *model[[_NOSE_TIP, *_MOUTH]]])
+        for order in ([0, 1, 2, 3, 4], [1, 0, 2, 4, 3]):
+            try:
+                placement = place_points(five, points[order], np.ones(5))
+            except FacewrightError as error:
+                failure = failure or error
+                continue
+            if best is None or placement.landmark_rms_mm < best[0].landmark_rms_mm:
+                best = placement, eyes, points[order]
+    if best is None:
+        assert failure is not None
+        raise failure
+    return best
+
+
+def _rms_upside_down(model: Array, points: Array) -> float:
+    """Return how well the points fit with eyes and mouth exchanged, mm; infinite where not at all."""
+    try:
+        return _best_of_five(model, points[[3, 4, 2, 0, 1]])[0].landmark_rms_mm
+    except FacewrightError:
+        return np.inf

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 #: From so many landmarks on they bend the template before its surface is looked at.
 _LEAST_TO_BEND = 12
+#: With fewer vertices matched than this share, target and template are not the same thing or not turned alike.
+_LEAST_MATCHED = 0.2
 #: What the preconditioner takes for the mean of n n^T.
 _ISOTROPIC = 0.4
 
@@ -305,6 +307,9 @@ class _Surface:
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
         facing = (normals * vertex_normals(vertices, faces)).sum(axis=1) >= self._cosine
         matched = facing & ~(self._rim[found.faces] | (found.barycentric <= 1e-6)).all(axis=1)
-        if not matched.any():
-            raise DegenerateError("the template must find points of the target that face the same way, got none.")
+        if matched.mean() < _LEAST_MATCHED:
+            raise DegenerateError(
+                f"the template must find points of the target that face the same way for at least "
+                f"{100 * _LEAST_MATCHED:.0f} % of its vertices, got {100 * matched.mean():.0f} %."
+            )
         return found.points, normals, matched

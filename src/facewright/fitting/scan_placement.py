@@ -31,7 +31,7 @@ _REACH_MM = 190.0
 #: The middle of the head lies so far behind the landmarks' centre.
 _DEPTH_MM = 70.0
 #: Triangles with an edge longer than this, and than so many median ones, are spikes or bridge holes.
-_LONG_MM, _LONG_TIMES = 15.0, 6.0
+_LONG_MM, _LONG_TIMES = 25.0, 8.0
 _LEAST_TRIANGLES = 150
 
 

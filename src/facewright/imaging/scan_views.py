@@ -13,12 +13,15 @@ from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.imaging.render import Albedo, render_mesh
 from facewright.imaging.texture import sample_bilinear, texels_from_uv
 from facewright.io.mesh_data import MeshData
+from facewright.mesh.normals import face_area_vectors
 from facewright.numeric.check import check_finite, check_shape
 
 #: The camera stands this many radii from the middle of what it looks at: a portrait's perspective.
 _DISTANCE = 5.0
 #: What is nearer to the camera than this many radii before the middle is cut away: it would hide the rest.
 _NEAR = 1.5
+#: Area of all triangles, in squared radii, beyond which they are no surface; a sphere has 13, a head and shoulders 10.
+_MOST_AREA = 300.0
 #: sRGB of a scan without colours: detectors know skin better than plaster.
 _SKIN = (0.80, 0.62, 0.52)
 
@@ -63,7 +66,7 @@ class ScanViewer:
     Raises
     ------
     DegenerateError
-        If the scan has no triangles or no extent.
+        If the scan has no triangles, no extent, or triangles that are no surface.
     ShapeError
         If there is a texture and the scan has no texture coordinates.
     """
@@ -80,6 +83,12 @@ class ScanViewer:
         self.radius = float(np.percentile(np.linalg.norm(used - self.middle, axis=1), 97))
         if not self.radius > 0:
             raise DegenerateError("a scan must have an extent, got one point.")
+        area = 0.5 * np.linalg.norm(face_area_vectors(self.vertices / self.radius, mesh.faces), axis=1).sum()
+        if area > _MOST_AREA:
+            raise DegenerateError(
+                f"a scan's triangles must form a surface, got {len(mesh.faces)} that lie across one another: together "
+                f"{area:.0f} squared radii of the scan (a head has about 10)."
+            )
         self._albedo = scan_albedo(mesh, texture)
 
     def view(
