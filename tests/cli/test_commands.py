@@ -20,6 +20,7 @@ VERBS = [
     ["model", "explore"],
     ["fit"],
     ["export"],
+    *(["capture", verb] for verb in ("show", "landmarks")),
     *(["warehouse", verb] for verb in ("ls", "show", "check", "label", "rm", "export", "import")),
     ["evaluate"],
     ["info"],
