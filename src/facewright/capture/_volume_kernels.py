@@ -243,9 +243,15 @@ def _write_hit(tsdf, weight, o, d, s, least, v, u, depth, normals):  # type: ign
         ex, ey, ez = (1.0 if k == 0 else 0.0), (1.0 if k == 1 else 0.0), (1.0 if k == 2 else 0.0)
         above = _value_at(tsdf, weight, x + ex, y + ey, z + ez, least)
         below = _value_at(tsdf, weight, x - ex, y - ey, z - ez, least)
-        if above > 1.5 or below > 1.5:
-            return
-        n[k] = above - below
+        # at the hit itself the distance is 0: a side that was not seen is continued from the other
+        if above > 1.5 and below > 1.5:
+            n[k] = 0.0
+        elif above > 1.5:
+            n[k] = -2.0 * below
+        elif below > 1.5:
+            n[k] = 2.0 * above
+        else:
+            n[k] = above - below
     size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
     if size < 1e-6:
         return

@@ -15,6 +15,7 @@ from facewright.capture.tracking import frame_residuals, track_frame
 
 #: Frames that are compared with the fused surface, and that are tracked directly against the reference frame.
 _N_COMPARED, _N_DIRECT = 4, 3
+_PATCH_MM, _WARN_UNSTEADY_MM = 12.0, 2.5
 _WARN_LOST, _WARN_CONSISTENCY_MM, _WARN_COVERAGE, _WARN_DRIFT_MM = 0.2, 1.8, 0.8, 3.0
 _STILL = RigidMotion(np.eye(3), np.zeros(3))
 
@@ -66,9 +67,9 @@ def measure_fusion(
         return FusionReport(1, 1, (), noise, 0.0, 0.0, coverage, 0.0, consistency, tuple(warnings))
     lost = tuple(i for i, pose in enumerate(model.poses) if pose is None)
     turns = [0.0 if pose is None else rotation_angle(np.eye(3), pose.rotation) for pose in model.poses]
-    noise, consistency = _noise(frames, model, region)
+    noise, consistency, unsteady = _noise(frames, model, region)
     drift_mm, drift = _drift(frames, model, region, reference, tracking_voxel_mm)
-    _warn(warnings, lost, len(frames), consistency, coverage, drift_mm)
+    _warn(warnings, lost, len(frames), consistency, unsteady, coverage, drift_mm)
     return FusionReport(
         len(frames),
         len(frames) - len(lost),
@@ -83,22 +84,42 @@ def measure_fusion(
     )
 
 
-def _noise(frames: list[DepthFrame], model: HeadModel, region: HeadRegion) -> tuple[float, float]:
-    """Return the root mean square and the median absolute difference of raw frames from the fused surface."""
+def _noise(frames: list[DepthFrame], model: HeadModel, region: HeadRegion) -> tuple[float, float, float]:
+    """Compare raw frames with the fused surface, along the optical axis, mm.
+
+    Returns the root mean square, the median absolute difference, and the 97th percentile of the mean difference in
+    small patches: noise averages out there, so that it tells parts of the face that moved by themselves.
+    """
     tracked = [i for i, pose in enumerate(model.poses) if pose is not None]
     looks = sorted({tracked[int(k)] for k in np.linspace(0, len(tracked) - 1, _N_COMPARED).round()})
-    off = []
+    off, patches = [], []
     for i in looks:
         pose, frame = model.poses[i], frames[i]
         assert pose is not None
         # the surface at half the resolution, against every raw pixel
         view = frame.half.view(model.volume, pose)
-        residuals = frame_residuals(frame.on_head(region, pose), frame.intrinsics, view, pose)
+        head = frame.on_head(region, pose)
+        residuals = frame_residuals(head, frame.intrinsics, view, pose)
         off.append(residuals[np.isfinite(residuals)])
-    values = np.concatenate(off).astype(np.float64)
+        patches.append(_patch_means(head, residuals, _PATCH_MM * frame.intrinsics.focal_x / region.near_mm))
+    values = np.concatenate(off)
     if not values.size:
-        return 0.0, 0.0
-    return float(np.sqrt(np.mean(values**2))), float(np.median(np.abs(values)))
+        return 0.0, 0.0, 0.0
+    means = np.abs(np.concatenate(patches))
+    unsteady = float(np.percentile(means, 97.0)) if means.size else 0.0
+    return float(np.sqrt(np.mean(values**2))), float(np.median(np.abs(values))), unsteady
+
+
+def _patch_means(depth: NDArray[np.float32], residuals: NDArray[np.float64], side: float) -> NDArray[np.float64]:
+    """Return the mean of the residuals, one for each pixel with depth, in square patches that are half full or more."""
+    v, u = np.nonzero(depth)
+    good = np.isfinite(residuals)
+    columns = int(depth.shape[1] / side) + 1
+    patch = ((v[good] / side).astype(int) * columns + (u[good] / side).astype(int)).astype(np.int64)
+    count = np.bincount(patch)
+    total = np.bincount(patch, residuals[good])
+    full = count >= 0.5 * side**2
+    return total[full] / count[full]
 
 
 def _drift(
@@ -125,14 +146,20 @@ def _drift(
 
 
 def _warn(
-    warnings: list[str], lost: tuple[int, ...], n: int, consistency: float, coverage: float, drift_mm: float
+    warnings: list[str],
+    lost: tuple[int, ...],
+    n: int,
+    consistency: float,
+    unsteady: float,
+    coverage: float,
+    drift_mm: float,
 ) -> None:
     if len(lost) > _WARN_LOST * n:
         warnings.append(f"{len(lost)} of {n} frames could not be tracked: the head moved fast, or was out of view.")
-    if consistency > _WARN_CONSISTENCY_MM:
+    if consistency > _WARN_CONSISTENCY_MM or unsteady > _WARN_UNSTEADY_MM:
         warnings.append(
-            f"Frames differ by {consistency:.1f} mm (median) from the fused surface: the expression was not held, or "
-            "the depth is very noisy."
+            f"Frames differ from the fused surface by {consistency:.1f} mm (median), and by {unsteady:.1f} mm where "
+            "they differ as a patch: the expression was not held, or the pictures are blurred."
         )
     if coverage < _WARN_COVERAGE:
         warnings.append(f"The fused depth covers {100 * coverage:.0f} % of the face: parts were not seen well.")
