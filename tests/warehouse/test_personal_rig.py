@@ -5,6 +5,7 @@ from facewright.deform.deformation_transfer import DeformationTransfer
 from facewright.errors import ShapeError
 from facewright.faces.expressions import EXPRESSION_WEIGHTS, random_expression_weights
 from facewright.faces.simulate import simulate_person
+from facewright.mesh.random_field import smooth_random_field
 from facewright.warehouse.personal_rig import fit_personal_rig
 
 
@@ -14,11 +15,12 @@ def test_a_rig_from_poses_beats_the_generic_one_and_has_all_parts(builtin_face):
     person = simulate_person(face, rng)
     weights = EXPRESSION_WEIGHTS * rng.uniform(0.7, 1.1, EXPRESSION_WEIGHTS.shape)
     poses = person.pose(weights).astype(np.float64)
+    poses[1:] += smooth_random_field(face.mean_shape, 25.0, 0.5, rng, n_fields=19)  # as scan fitting leaves
     rig = fit_personal_rig(face, poses[:, :n], EXPRESSION_WEIGHTS)
     assert rig.meshes.shape == poses.shape
     assert rig.deltas.shape == person.deltas.shape
     assert np.array_equal(rig.weights[0], np.zeros(46))
-    assert rig.residuals_mm.max() < 1.0
+    assert rig.residuals_mm.max() < 1.2
     mean = face.skin().mean_shape.astype(np.float64)
     transfer = DeformationTransfer(mean, poses[0, :n], face.skin().topology.faces)
     generic = transfer.transfer(mean + face.blendshape_deltas[:, :n]) - poses[0, :n]
@@ -29,7 +31,7 @@ def test_a_rig_from_poses_beats_the_generic_one_and_has_all_parts(builtin_face):
         difference = np.tensordot(unseen, deltas[:, region] - person.deltas[:, region], 1)
         return np.sqrt((difference**2).sum(axis=2).mean())
 
-    assert error(rig.deltas) < 0.85 * error(generic)
+    assert error(rig.deltas) < 0.9 * error(generic)
     for name in ("eyeball_left", "teeth_upper", "teeth_lower"):
         part = slice(*face.topology.parts[name])
         assert np.sqrt(((rig.meshes[:, part] - poses[:, part]) ** 2).sum(axis=2).mean()) < 1.2

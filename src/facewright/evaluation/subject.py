@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,8 +58,8 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         expressions; ``posed_rms_mm`` and ``generic_posed_rms_mm``: unseen expressions as they are, with the error of
         the neutral; ``neutral_surface_rms_mm``, ``neutral_correspondence_rms_mm``; ``parts_rms_mm``: eyeballs, teeth
         and all else but the skin, in the neutral; ``head_jitter_mm`` and ``head_jitter_degrees``: how far the head
-        frames of expressions are apart from the neutral's, against the truth; ``expressions``: meshes made, per
-        subject; ``failed_subjects``.
+        frames of expressions are apart from the neutral's, against the truth; ``expressions``: meshes made, the
+        neutral among them, per subject.
 
     Raises
     ------
@@ -79,7 +80,9 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
                 )
             )
             (capture,) = list_captures(folder)
-            processed = process_timed(capture, ProcessOptions(face=face.name, keep_records=False))
+            start = perf_counter()
+            processed = process_timed(capture, ProcessOptions(face=face.name))
+            seconds["all"].append(perf_counter() - start)
             truth = TrueSubject.read(capture.path / TRUTH_FILE)
         for stage, value in processed.seconds.items():
             seconds[stage].append(value)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -87,8 +88,10 @@ def needs_detector(recordings: dict[str, Path]) -> bool:
     return not all(_is_complete(_sidecar(path)) for path in recordings.values())
 
 
-def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock: StageClock) -> ExpressionRecord:
-    """Read, fuse and mark one recording.
+def read_record(
+    name: str, path: Path, detector: LandmarkDetector | None, clock: StageClock, loaded: Future[LoadedRecording]
+) -> ExpressionRecord:
+    """Fuse and mark one recording.
 
     Points of a sidecar win over the detector's, point by point; its frame number is the reference frame.
 
@@ -101,7 +104,9 @@ def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock:
     detector : LandmarkDetector or None
         None where sidecars hold all points.
     clock : StageClock
-        Gets the seconds of the stages "read", "fuse" and "landmark".
+        Gets the seconds of the stages "read" (waiting for the frames), "fuse" and "landmark".
+    loaded : Future of LoadedRecording
+        The recording, which is read by another thread.
 
     Raises
     ------
@@ -112,28 +117,25 @@ def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock:
     """
     from facewright.capture.face_rectangle import rectangle_from_landmarks
     from facewright.capture.fusion import fuse
-    from facewright.capture.recording import open_recording
 
     sidecar = _sidecar(path)
     with clock.time("read"):
-        recording = open_recording(path)
+        source = loaded.result()
+    recording = source.recording
     reference = None if sidecar is None else _checked_frame(sidecar[0], recording, path)
     rectangle = None
     if sidecar is not None and _is_complete(sidecar):
         rectangle = rectangle_from_landmarks(sidecar[1], recording.size)
-    timed = TimedRecording(recording, clock)
-    start = perf_counter()
-    waited = clock.seconds.get("read", 0.0)
-    fused = fuse(timed, rectangle=rectangle, reference=reference, detector=detector)
-    clock.add("fuse", perf_counter() - start - (clock.seconds.get("read", 0.0) - waited))
+    with clock.time("fuse"):
+        fused = fuse(source, rectangle=rectangle, reference=reference, detector=detector)
     with clock.time("landmark"):
-        landmarks, source = _landmarks(fused, sidecar, detector, path)
+        landmarks, found_by = _landmarks(fused, sidecar, detector, path)
     facts = {
         "recording": path.name,
         "kind": recording.kind,
         "reference_frame": fused.reference,
         "rectangle": [int(v) for v in fused.rectangle],
-        "landmarks": source,
+        "landmarks": found_by,
         "landmarks_found": int(landmarks.present.sum()),
         "fusion": fused.report.to_dict(),
         "warnings": [*recording.warnings, *(w for w in fused.report.warnings if w not in recording.warnings)],
@@ -141,45 +143,35 @@ def read_record(name: str, path: Path, detector: LandmarkDetector | None, clock:
     return ExpressionRecord(name, fused, landmarks, facts)
 
 
-class TimedRecording:
-    """A recording whose reading is timed, and which is read once only where it is short.
+class LoadedRecording:
+    """An open recording whose frames are in memory where it is short; others are streamed.
 
     Parameters
     ----------
-    recording : Recording
-        What is read.
-    clock : StageClock
-        Gets the seconds waited for frames, as "read".
+    path : Path
+        The recording.
+
+    Raises
+    ------
+    FileFormatError, StoreError
+        If it is damaged.
     """
 
-    def __init__(self, recording: Recording, clock: StageClock) -> None:
-        self.n_frames = recording.n_frames
-        self._recording = recording
-        self._clock = clock
-        pixels = recording.size[0] * recording.size[1] * recording.n_frames
-        self._kept: dict[int, RGBDFrame] | None = {} if pixels * _BYTES_PER_PIXEL <= _MOST_BYTES else None
+    def __init__(self, path: Path) -> None:
+        from facewright.capture.recording import open_recording
+
+        self.recording: Recording = open_recording(path)
+        self.n_frames = self.recording.n_frames
+        pixels = self.recording.size[0] * self.recording.size[1] * self.n_frames
+        self._kept = list(self.recording.frames()) if pixels * _BYTES_PER_PIXEL <= _MOST_BYTES else None
 
     def frame(self, i: int) -> RGBDFrame:
         """Return frame `i`."""
-        with self._clock.time("read"):
-            if self._kept is None:
-                return self._recording.frame(i)
-            if i not in self._kept:
-                self._kept[i] = self._recording.frame(i)
-            return self._kept[i]
+        return self.recording.frame(i) if self._kept is None else self._kept[i]
 
     def frames(self) -> Iterator[RGBDFrame]:
         """Yield all frames in order."""
-        if self._kept is not None:
-            yield from (self.frame(i) for i in range(self.n_frames))
-            return
-        frames = self._recording.frames()
-        while True:
-            with self._clock.time("read"):
-                frame = next(frames, None)
-            if frame is None:
-                return
-            yield frame
+        return self.recording.frames() if self._kept is None else iter(self._kept)
 
 
 def _sidecar(path: Path) -> tuple[int, Landmarks] | None:

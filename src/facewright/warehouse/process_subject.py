@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -23,7 +24,14 @@ from facewright.errors import (
     ValueRangeError,
 )
 from facewright.faces.expressions import EXPRESSION_NAMES, expression_weights
-from facewright.warehouse.expression_record import ExpressionRecord, StageClock, needs_detector, padded, read_record
+from facewright.warehouse.expression_record import (
+    ExpressionRecord,
+    LoadedRecording,
+    StageClock,
+    needs_detector,
+    padded,
+    read_record,
+)
 from facewright.warehouse.head_frame import HeadFrame
 from facewright.warehouse.personal_rig import PersonalRig, fit_personal_rig
 from facewright.warehouse.provenance import package_versions, plain
@@ -170,27 +178,41 @@ class _Run:
     def fit_all(self, detector: LandmarkDetector | None) -> None:
         """Read and fit every expression; the neutral must succeed."""
         fitter = scan_fitter(self.face)
-        for done, name in enumerate(self.names):
-            if self.progress is not None:
-                self.progress(name, done, len(self.names))
-            try:
-                self._fit(fitter, name, detector)
-            except FacewrightError as error:
-                if _is_fatal(error):
-                    raise
-                if name == "neutral":
-                    raise type(error)(
-                        f"the neutral of subject {self.capture.name!r} cannot be used: {error}"
-                    ) from error
-                self.records.pop(name, None)
-                self.failed[name] = {"kind": type(error).__name__, "reason": str(error)}
+        with ThreadPoolExecutor(1, thread_name_prefix="recordings") as reader:
+            ahead = self._load(reader, 0)
+            for done, name in enumerate(self.names):
+                if self.progress is not None:
+                    self.progress(name, done, len(self.names))
+                loaded, ahead = ahead, self._load(reader, done + 1)
+                assert loaded is not None
+                try:
+                    self._fit(fitter, name, detector, loaded)
+                except FacewrightError as error:
+                    self._record_failure(name, error)
         if self.progress is not None:
             self.progress("blendshapes", len(self.names), len(self.names))
 
-    def _fit(self, fitter: ScanFitter, name: str, detector: LandmarkDetector | None) -> None:
+    def _load(self, reader: ThreadPoolExecutor, number: int) -> Future[LoadedRecording] | None:
+        """Begin to read a recording while the one before is worked on."""
+        if number >= len(self.names):
+            return None
+        return reader.submit(LoadedRecording, self.capture.recordings[self.names[number]])
+
+    def _record_failure(self, name: str, error: FacewrightError) -> None:
+        """Note why an expression is left out; raise what ends the subject."""
+        if _is_fatal(error):
+            raise error
+        if name == "neutral":
+            raise type(error)(f"the neutral of subject {self.capture.name!r} cannot be used: {error}") from error
+        self.records.pop(name, None)
+        self.failed[name] = {"kind": type(error).__name__, "reason": str(error)}
+
+    def _fit(
+        self, fitter: ScanFitter, name: str, detector: LandmarkDetector | None, loaded: Future[LoadedRecording]
+    ) -> None:
         from facewright.fitting.depth_target import depth_target
 
-        record = read_record(name, self.capture.recordings[name], detector, self.clock)
+        record = read_record(name, self.capture.recordings[name], detector, self.clock, loaded)
         self.records[name] = record
         with self.clock.time("neutral" if name == "neutral" else "expression"):
             target = depth_target(record.fused.depth, record.fused.intrinsics, record.landmarks)
