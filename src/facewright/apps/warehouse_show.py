@@ -118,7 +118,7 @@ def draw_subject(
     Returns
     -------
     ndarray of shape (H, W, 3), uint8
-        A sheet with ten portraits in a row.
+        A sheet with up to ten portraits in a row.
     """
     from facewright.imaging.contact_sheet import contact_sheet
 
@@ -127,18 +127,19 @@ def draw_subject(
     captions: list[str] = []
     shapes = [] if subject.blendshapes is None else list(subject.blendshapes)
     total = len(subject.expressions) + len(shapes)
+    columns = min(10, max(len(subject.expressions), len(shapes)))
     if subject.color is not None:
         tiles += [_thumbnail(picture, size) for picture in subject.color]
         captions += [f"{name}, picture" for name in subject.expressions]
-        _fill_row(tiles, captions, size)
+        _fill_row(tiles, captions, size, columns)
     for name, vertices in zip((*subject.expressions, *warehouse.blendshape_names), (*subject.meshes, *shapes)):
         if len(captions) and name == "neutral":
-            _fill_row(tiles, captions, size)
+            _fill_row(tiles, captions, size, columns)
         tiles.append(paint(vertices))
         captions.append(name)
         if progress is not None:
             progress("drawing portraits", min(len(tiles), total), total)
-    return contact_sheet(tiles, captions, columns=10)
+    return contact_sheet(tiles, captions, columns=columns)
 
 
 def _painter(warehouse: Warehouse, subject: Subject, size: tuple[int, int], yaw_degrees: float) -> Painter:
@@ -181,9 +182,9 @@ def _face_of(warehouse: Warehouse) -> Any:
     return skin if skin.topology.fingerprint == warehouse.topology.fingerprint else None
 
 
-def _fill_row(tiles: list[NDArray[np.uint8]], captions: list[str], size: tuple[int, int]) -> None:
+def _fill_row(tiles: list[NDArray[np.uint8]], captions: list[str], size: tuple[int, int], columns: int) -> None:
     """Add empty tiles up to the end of the row."""
-    missing = -len(tiles) % 10
+    missing = -len(tiles) % columns
     tiles += [np.full((*size, 3), 255, dtype=np.uint8)] * missing
     captions += [""] * missing
 

@@ -122,7 +122,7 @@ def decode_array(metadata: bytes, shard: bytes, entry: Any, where: str) -> NDArr
     return array
 
 
-REMEDY = "make the subject again (facewright warehouse check finds all such)."
+REMEDY = "facewright warehouse check finds all such, and takes them out to be made again."
 
 
 def read_array(objects: Objects, folder: str, entry: Any, where: str) -> NDArray[Any]:

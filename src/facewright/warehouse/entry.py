@@ -115,6 +115,7 @@ def entry_from_content(name: str, content: Mapping[str, Any], labels: Mapping[st
         good = False
     if not good:
         raise FileFormatError(
-            f"{where} is corrupt: the document of subject {name!r} does not match its checksum; make the subject again."
+            f"{where} is corrupt: the document of subject {name!r} does not match its checksum; take it out by "
+            "facewright warehouse check --remove-damaged and make it again."
         )
     return entry

@@ -119,7 +119,7 @@ def group_content(document: bytes, where: str) -> dict[str, Any]:
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise FileFormatError(
             f"{where} must be a document of a facewright warehouse, got something else or a part of one; "
-            "run facewright warehouse check."
+            "facewright warehouse check finds all such, and takes them out to be made again."
         ) from error
     if not isinstance(content, dict):
         raise FileFormatError(f"{where} must hold an object {OUR_KEY!r}, got {type(content).__name__}.")
