@@ -5,7 +5,9 @@ from facewright.errors import ShapeError
 from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
 from facewright.imaging.contact_sheet import contact_sheet
 from facewright.imaging.portrait import portrait_view, render_portrait
-from facewright.imaging.render import Lights, render_mesh
+from facewright.imaging.rasterise import rasterise
+from facewright.imaging.render import Lights, render_mesh, shade_fragments
+from facewright.mesh.normals import vertex_normals
 
 
 def sphere(radius=60.0, n=24):
@@ -88,3 +90,18 @@ def test_contact_sheet_places_pictures():
         contact_sheet([images[0], np.zeros((3, 3, 3), np.uint8)])
     with pytest.raises(ShapeError):
         contact_sheet(images, ["one"])
+
+
+def test_known_normals_give_the_same_shading_and_are_used():
+    vertices, faces = sphere()
+    seen = vertices * [1.0, -1.0, -1.0] + [0.0, 0.0, 500.0]
+    fragments = rasterise(seen[:, :2] + 70.0, seen[:, 2], faces, (140, 140), perspective=False)
+    lights = Lights(directions=np.array([[1.0, 0.0, 0.0]]), colours=np.ones((1, 3)))
+    plain = shade_fragments(fragments, seen, faces, lights=lights)
+    assert plain.shape == (int(fragments.covered.sum()), 3)
+    normals = vertex_normals(seen, faces)
+    np.testing.assert_allclose(
+        shade_fragments(fragments, seen, faces, lights=lights, normals=normals), plain, atol=1e-6
+    )
+    away = np.broadcast_to([-1.0, 0.0, 0.0], normals.shape)
+    assert shade_fragments(fragments, seen, faces, lights=lights, normals=away).max() < plain.max() - 0.1
