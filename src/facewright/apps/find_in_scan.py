@@ -31,6 +31,7 @@ _LOOKS = ((0, 0), (15, 0), (-15, 0), (30, 0), (-30, 0), (0, 12), (0, -12), (18, 
 #: Radius, in mm of a mean face, of the pictures of the face, and where their middle is in model space.
 _FACE_RADIUS_MM, _FACE_MIDDLE = 125.0, (0.0, -5.0, 90.0)
 _FEWEST_LOOKS = 3
+_TWICE = 2
 #: Landmarks of one look further than this from the median of all looks are left out; mm.
 _OUTLIER_MM = 6.0
 
@@ -82,7 +83,7 @@ def find_face(
     ValueRangeError
         If there is one, but not of human size in any unit, or in the one that was given.
     """
-    size_error: ValueRangeError | None = None
+    size_errors: list[ValueRangeError] = []
     total = 24 * len(_regions(viewer)) + _EVEN
     for done, (rotation, middle, radius) in enumerate(_directions(viewer)):
         if progress is not None:
@@ -93,15 +94,15 @@ def find_face(
                 placement = _place(view, landmarks, face, unit)
                 found = _refine(viewer, face, detector, placement, unit)
             except ValueRangeError as error:
-                size_error = size_error or error
+                size_errors.append(error)
             except NoFaceError:  # what looks like a face has not a face's depth: its inside, a picture, a chance
                 continue
             else:
                 if progress is not None:
                     progress("looking for the face", total, total)
                 return found
-    if size_error is not None:
-        raise size_error
+    if len(size_errors) >= _TWICE:  # one alone may be a chance
+        raise size_errors[0]
     raise NoFaceError(
         "the scan must show a face, the detector found none from any direction whose depth is a face's: "
         "give landmarks of the scan, or cut away what hides the face."

@@ -25,7 +25,9 @@ UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 #: Size of a person's face relative to the mean face's: children and giants lie within.
 _HUMAN = (0.7, 1.4)
 #: Landmarks of a face, in any expression, lie within this of the mean face's after the best similarity; mm RMS.
-_FACE_RMS_MM = 8.0
+_FACE_RMS_MM = 10.0
+#: How far they go to front and back, relative to the mean face's.
+_RELIEF = (0.6, 1.6)
 #: What a scan keeps: this far around the landmarks' centre, which lies on the face.
 _REACH_MM = 190.0
 #: The middle of the head lies so far behind the landmarks' centre.
@@ -107,6 +109,7 @@ def place_points(model: Array, points: Array, weights: Array, unit: str = "auto"
             f"landmarks must lie as those of a face do (within {_FACE_RMS_MM:g} mm of the mean face's), "
             f"got {rms:.1f} mm{_if_mirrored(model, points, weights)}."
         )
+    _check_relief(model, (points - free.translation) @ free.rotation / free.scale, weights)
     name, size = decide_unit(free.scale, unit)
     exact = estimate_similarity(size * model, points * UNITS[name], weights=weights, with_scale=False)
     scale = 1.0 / UNITS[name]
@@ -143,6 +146,18 @@ def decide_unit(units_per_mm: float, unit: str = "auto") -> tuple[str, float]:
             f"{'scale the scan' if unit == 'auto' else 'leave the unit to be found, or scale the scan'}."
         )
     return name, float(sizes[name])
+
+
+def _check_relief(model: Array, aligned: Array, weights: Array) -> None:
+    """Refuse landmarks that go far less, or more, to front and back than the mean face's: a picture, a hollow."""
+    x = model[:, 2] - np.average(model[:, 2], weights=weights)
+    spread = np.average(x**2, weights=weights)
+    relief = float(np.average(x * aligned[:, 2], weights=weights) / spread) if spread > 1.0 else 1.0
+    if not _RELIEF[0] <= relief <= _RELIEF[1]:
+        raise NoFaceError(
+            f"landmarks must go {_RELIEF[0]:g} to {_RELIEF[1]:g} times as far to front and back as those of a mean "
+            f"face, got {relief:.2f} times: a flat picture or a squeezed scan is no face."
+        )
 
 
 def _if_mirrored(model: Array, points: Array, weights: Array) -> str:
@@ -210,14 +225,14 @@ def scan_target(
         )
     triangles = face_outwards(points, triangles, middle - [0.0, 0.0, _DEPTH_MM])
     kept, flat = np.unique(triangles, return_inverse=True)
-    points, triangles = points[kept], flat.reshape(triangles.shape).astype(np.int32)
+    points, rows = points[kept], flat.reshape(triangles.shape).astype(np.int32)
     marks[~used] = np.nan
     return ScanTarget(
-        points, vertex_normals(points, triangles), triangles, marks, np.where(used, confidence, 0.0).astype(np.float64)
+        points, vertex_normals(points, rows), rows, marks, np.where(used, confidence, 0.0).astype(np.float64)
     )
 
 
-def weld(points: Array, faces: NDArray[np.integer], tolerance: float = 1e-3) -> tuple[Array, NDArray[np.int64]]:
+def weld(points: Array, faces: NDArray[np.integer], tolerance: float = 1e-3) -> tuple[Array, NDArray[np.integer]]:
     """Make vertices (N, 3) at one place (to `tolerance`) one; return those used and the triangles that keep an area."""
     kept, flat = np.unique(faces, return_inverse=True)
     cells = np.round(points[kept] / tolerance).astype(np.int64)
