@@ -23,7 +23,7 @@ def captures(
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="A Kinect's noise, or perfect pictures.")] = True,
     landmarks: Annotated[
         str,
-        typer.Option(help="refined: write points as a careful person would set them; none: none."),
+        typer.Option(help="none, or refined: also write points as a careful person sets them."),
     ] = "none",
     truth: Annotated[bool, typer.Option("--truth", help="Write the true meshes beside, as truth.npz.")] = False,
     seed: Annotated[int, typer.Option(help="Seed of people, acting and noise.", min=0)] = 0,
@@ -33,9 +33,9 @@ def captures(
 
     \b
     Examples:
-      facewright simulate captures captures
-      facewright simulate captures captures --subjects 1 --expressions neutral,smile,mouth_stretch
-      facewright simulate captures captures --faces ict --landmarks refined --truth
+      facewright simulate captures people
+      facewright simulate captures people --expressions neutral,smile
+      facewright simulate captures people --faces ict --truth
     """
     from facewright.apps.simulate_captures import SimulateCapturesRequest, simulate_captures
     from facewright.faces.expressions import EXPRESSION_NAMES
