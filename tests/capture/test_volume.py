@@ -1,4 +1,4 @@
-"""The signed distance volume: no bias on surfaces that are known, equal bits with any number of threads, Open3D beside."""
+"""The signed distance volume: known surfaces without bias, equal bits with any number of threads, Open3D beside."""
 
 import numpy as np
 import pytest

@@ -185,7 +185,7 @@ def rectangle_from_depth(depth: NDArray[np.float32], intrinsics: Intrinsics, fra
     parts, _ = label(near)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    rows, columns = find_objects(parts == sizes.argmax())[0]
+    rows, columns = find_objects((parts == sizes.argmax()).astype(np.int32))[0]
     scale = intrinsics.focal_x / (nearest + 40.0)
     left, right = _around(columns.start * step, columns.stop * step, _HEAD_SIZE_MM[0] * scale)
     top, bottom = _around(rows.start * step, rows.stop * step, _HEAD_SIZE_MM[1] * scale, from_start=True)
