@@ -98,7 +98,12 @@ def test_overwriting_leaves_one_file(captures):
     assert find_sidecar(folder) == (1, folder / "landmarks-1.json")
 
 
-def test_heads_on_their_side_are_turned_and_that_is_noted(captures):
+def test_heads_on_their_side_are_turned_and_that_is_noted(captures, monkeypatch):
+    def by_corner(recording, detector):
+        picture = recording.frame(0).color
+        return next(t for t in range(4) if detector.detect(np.ascontiguousarray(np.rot90(picture, t))))
+
+    monkeypatch.setattr("facewright.capture.upright.find_quarter_turns", by_corner)
     folder = captures / "berta" / "smile"
     _write(folder, 2, turns=3)
     result = mark_captures(MarkCapturesRequest(captures), None, _Detector())

@@ -1,19 +1,28 @@
-"""Find which way is up: a phone held upright stores pictures in which heads lie on their side."""
+"""Find which way is up: a phone held upright stores pictures in which heads lie on their side.
+
+Detectors see faces in pictures that are turned any way, also where there is none that way round (eyes upon a mouth).
+What they found is therefore held against the depth: the points in 3D must fit a face's in size and shape.
+"""
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from facewright.capture.quarter_turns import turn_picture
+from facewright.camera.pinhole import RigidMotion
+from facewright.capture.frame import RGBDFrame
+from facewright.capture.quarter_turns import turn_intrinsics, turn_picture
 from facewright.capture.recording import Recording
 from facewright.landmarks.detector import LandmarkDetector
-from facewright.landmarks.points import Landmarks
+from facewright.landmarks.lift import lift_landmarks
 
-# As stored first; phones held upright need 3; upside down is rare.
-_ORDER = (0, 3, 1, 2)
-_N_FRAMES = 3
-_MAX_TILT_DEGREES = 45.0
+#: A found face is one if its points are this near to those of the mean face (median), mm.
+MAX_OFF_MM = 9.0
+_MIN_POINTS = 12
+_MAX_TILT = np.cos(np.deg2rad(45.0))
+_ROUNDS, _SCALE_MM = 10, 8.0
 
 
 def find_quarter_turns(recording: Recording, detector: LandmarkDetector) -> int | None:
@@ -22,9 +31,9 @@ def find_quarter_turns(recording: Recording, detector: LandmarkDetector) -> int 
     Parameters
     ----------
     recording : Recording
-        Its middle frame is looked at, then one before and one after.
+        Its middle frame is looked at in all four ways, then one before and one after until a face is found.
     detector : LandmarkDetector
-        Finds faces; it may also find some that lie on their side.
+        Finds faces; it may also find some where there are none.
 
     Returns
     -------
@@ -32,24 +41,73 @@ def find_quarter_turns(recording: Recording, detector: LandmarkDetector) -> int 
         0 to 3, to add to `recording.quarter_turns`; None where no face is found any way round.
     """
     n = recording.n_frames
-    for i in list(dict.fromkeys((n // 2, n // 4, (3 * n) // 4)))[:_N_FRAMES]:
-        turns = upright_turns(recording.frame(i).color, detector)
+    for i in dict.fromkeys((n // 2, n // 4, (3 * n) // 4)):
+        turns = upright_turns(recording.frame(i), detector)
         if turns is not None:
             return turns
     return None
 
 
-def upright_turns(picture: NDArray[np.uint8], detector: LandmarkDetector) -> int | None:
-    """Return the counter-clockwise quarter turns after which a face is found upright in a picture (H, W, 3)."""
-    for turns in _ORDER:
-        if any(is_upright(face) for face in detector.detect(turn_picture(picture, turns))):
-            return turns
-    return None
+def upright_turns(frame: RGBDFrame, detector: LandmarkDetector) -> int | None:
+    """Return the counter-clockwise quarter turns after which an upright face fits its depth best, or None."""
+    found = [(how_far_off(turned_frame(frame, turns), detector), turns) for turns in range(4)]
+    off, turns = min(found)
+    return turns if off <= MAX_OFF_MM else None
 
 
-def is_upright(face: Landmarks) -> bool:
-    """Tell whether the mouth lies below the eyes, within 45 degrees of straight down."""
-    groups = face.definition.groups
-    eyes = np.nanmean(face.points[np.concatenate([groups["right_eye"], groups["left_eye"]])], axis=0)
-    x, y = np.nanmean(face.points[groups["outer_mouth"]], axis=0) - eyes
-    return bool(y > 0 and np.degrees(np.arctan2(abs(x), y)) <= _MAX_TILT_DEGREES)
+def how_far_off(frame: RGBDFrame, detector: LandmarkDetector) -> float:
+    """Return how far the points of the likeliest upright face of a frame are from those of the mean face.
+
+    Parameters
+    ----------
+    frame : RGBDFrame
+        Picture and depth.
+    detector : LandmarkDetector
+        Finds faces.
+
+    Returns
+    -------
+    float, millimetres
+        Median distance of the lifted landmarks after rigid alignment; infinite where no face is found whose head is
+        within 45 degrees of upright and looks towards the camera.
+    """
+    best = np.inf
+    for face in detector.detect(frame.color):
+        points, confidence = lift_landmarks(face.convert("fw74"), frame.depth, frame.intrinsics)
+        use = (confidence > 0) & np.isfinite(points).all(axis=1)
+        if use.sum() < _MIN_POINTS:
+            continue
+        template = _mean_landmarks()[use]
+        pose = _align(template, points[use])
+        up, ahead = pose.rotation[:, 1], pose.rotation[:, 2]
+        if -up[1] >= _MAX_TILT and ahead[2] < 0:  # y points down in the camera's frame, z away from it
+            best = min(best, float(np.median(np.linalg.norm(pose.apply(template) - points[use], axis=1))))
+    return best
+
+
+def turned_frame(frame: RGBDFrame, turns: int) -> RGBDFrame:
+    """Return a frame turned counter-clockwise by quarter turns."""
+    k = turn_intrinsics(frame.intrinsics, frame.size, turns)
+    return RGBDFrame(turn_picture(frame.color, turns), turn_picture(frame.depth, turns), k, frame.time)
+
+
+@cache
+def _mean_landmarks() -> NDArray[np.float64]:
+    """Landmarks (74, 3) of the built-in mean face, mm; those of the contour have no place of their own."""
+    from facewright.faces import load_face
+
+    face = load_face("builtin")
+    return np.asarray(face.mean_shape, dtype=np.float64)[face.topology.landmarks["fw74"]]
+
+
+def _align(source: NDArray[np.float64], target: NDArray[np.float64]) -> RigidMotion:
+    """Return the rigid motion of points onto points (N, 3) that outliers do not pull (Cauchy weights)."""
+    weights = np.ones(len(source))
+    for _ in range(_ROUNDS):
+        a, b = np.average(source, axis=0, weights=weights), np.average(target, axis=0, weights=weights)
+        left, _, right = np.linalg.svd(((target - b) * weights[:, None]).T @ (source - a))
+        R = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        motion = RigidMotion(R, b - R @ a)
+        off = np.linalg.norm(motion.apply(source) - target, axis=1)
+        weights = 1.0 / (1.0 + (off / _SCALE_MM) ** 2)
+    return motion
