@@ -68,7 +68,7 @@ def test_what_is_no_face_is_refused(builtin_face, rng):
         place_face(builtin_face, rng.permuted(landmarks, axis=0), confidence)
     with pytest.raises(NoFaceError, match=r"as those of a face|0\.\d\d times"):
         place_face(builtin_face, landmarks * [1, 1, 0.0], confidence)  # a photograph
-    with pytest.raises(NoFaceError, match=r"0\.[2345]\d times: a flat picture or a squeezed scan"):
+    with pytest.raises(NoFaceError, match=r"0\.4\d times: a flat picture or a squeezed scan"):
         place_face(builtin_face, landmarks * [1, 1, 0.4], confidence)
     with pytest.raises(NoFaceError, match=r"as those of a face|-\d"):
         place_face(builtin_face, landmarks * [1, 1, -1], confidence)  # a hollow

@@ -26,8 +26,8 @@ UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 _HUMAN = (0.7, 1.4)
 #: Landmarks of a face, in any expression, lie within this of the mean face's after the best similarity; mm RMS.
 _FACE_RMS_MM = 10.0
-#: How far they go to front and back, relative to the mean face's.
-_RELIEF = (0.6, 1.6)
+#: How far they stand out of their plane, relative to the mean face's.
+_RELIEF = (0.45, 1.8)
 #: What a scan keeps: this far around the landmarks' centre, which lies on the face.
 _REACH_MM = 190.0
 #: The middle of the head lies so far behind the landmarks' centre.
@@ -109,7 +109,7 @@ def place_points(model: Array, points: Array, weights: Array, unit: str = "auto"
             f"landmarks must lie as those of a face do (within {_FACE_RMS_MM:g} mm of the mean face's), "
             f"got {rms:.1f} mm{_if_mirrored(model, points, weights)}."
         )
-    _check_relief(model, (points - free.translation) @ free.rotation / free.scale, weights)
+    _check_relief(model, points / free.scale, weights)
     name, size = decide_unit(free.scale, unit)
     exact = estimate_similarity(size * model, points * UNITS[name], weights=weights, with_scale=False)
     scale = 1.0 / UNITS[name]
@@ -148,16 +148,22 @@ def decide_unit(units_per_mm: float, unit: str = "auto") -> tuple[str, float]:
     return name, float(sizes[name])
 
 
-def _check_relief(model: Array, aligned: Array, weights: Array) -> None:
-    """Refuse landmarks that go far less, or more, to front and back than the mean face's: a picture, a hollow."""
-    x = model[:, 2] - np.average(model[:, 2], weights=weights)
-    spread = np.average(x**2, weights=weights)
-    relief = float(np.average(x * aligned[:, 2], weights=weights) / spread) if spread > 1.0 else 1.0
+def _check_relief(model: Array, points: Array, weights: Array) -> None:
+    """Refuse landmarks that lie far nearer to a plane than the mean face's, or further: a picture, a squeezed scan."""
+    (usual, _), (found, extent) = _thickness(model, weights), _thickness(points, weights)
+    relief = found / usual if usual > 1e-3 * extent else 1.0
     if not _RELIEF[0] <= relief <= _RELIEF[1]:
         raise NoFaceError(
-            f"landmarks must go {_RELIEF[0]:g} to {_RELIEF[1]:g} times as far to front and back as those of a mean "
+            f"landmarks must stand {_RELIEF[0]:g} to {_RELIEF[1]:g} times as far out of their plane as those of a mean "
             f"face, got {relief:.2f} times: a flat picture or a squeezed scan is no face."
         )
+
+
+def _thickness(points: Array, weights: Array) -> tuple[float, float]:
+    """Return the smallest and the largest standard deviation of points (N, 3) over all directions."""
+    centred = points - np.average(points, axis=0, weights=weights)
+    variances = np.linalg.eigvalsh((weights[:, None] * centred).T @ centred / weights.sum())
+    return float(np.sqrt(max(variances[0], 0.0))), float(np.sqrt(variances[2]))
 
 
 def _if_mirrored(model: Array, points: Array, weights: Array) -> str:
