@@ -1,5 +1,7 @@
 import json
 
+import pytest
+
 from facewright.capture.captures import list_captures
 
 
@@ -19,3 +21,13 @@ def test_mistakes_end_in_one_sentence(refused, tmp_path):
     assert "refined" in refused("simulate", "captures", tmp_path / "b", "--landmarks", "perfect")
     assert "--subjects must be" in refused("simulate", "captures", tmp_path / "b", "--subjects", 0)
     assert not (tmp_path / "b").exists()
+
+
+def test_people_go_straight_into_a_database(invoke, refused, tmp_path):
+    pytest.importorskip("zarr", reason="needs the warehouse extra")
+    words = ("simulate", "people", tmp_path / "faces.zarr", "--people", 2, "--json")
+    names = ["simulated-0000", "simulated-0001"]
+    said = [json.loads(invoke(*words).stdout) for _ in range(2)]
+    assert (said[0]["added"], said[0]["present"]) == (names, [])
+    assert (said[1]["added"], said[1]["present"]) == ([], names)
+    assert "--people must be" in refused("simulate", "people", tmp_path / "faces.zarr", "--people", 0)

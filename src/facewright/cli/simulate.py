@@ -1,4 +1,4 @@
-"""facewright simulate: recordings of made-up people, to try things without a camera."""
+"""facewright simulate: recordings and people made up, to try things without a camera."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import typer
 
 from facewright.cli.console import JsonOption, finish, progress_bar, say
 
-app = typer.Typer(no_args_is_help=True, help="Make up recordings to try things with.", rich_markup_mode="rich")
+app = typer.Typer(
+    no_args_is_help=True, help="Make up recordings and people to try things with.", rich_markup_mode="rich"
+)
 
 
 @app.command("captures")
@@ -68,5 +70,36 @@ def captures(
         lambda: say(
             f"Wrote {len(result.subjects)} people, {result.n_recordings} recordings, {result.n_frames} frames "
             f"({result.n_bytes / 1e6:.0f} MB) to {result.out}; next: facewright build {result.out} -o faces.zarr"
+        ),
+    )
+
+
+@app.command("people")
+def people(
+    out: Annotated[str, typer.Argument(help="Database: a folder, or a URL such as s3://bucket/faces.zarr.")],
+    number: Annotated[int, typer.Option("--people", help="People; those who are there already stay.", min=1)] = 40,
+    faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
+    seed: Annotated[int, typer.Option(help="Seed of the people.", min=0)] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Put simulated people with 46 blendshapes straight into a database, so that a model can be built early.
+
+    \b
+    Examples:
+      facewright simulate people faces.zarr
+      facewright simulate people faces.zarr --people 150 --faces ict
+    """
+    from facewright.apps.simulate_people import SimulatePeopleRequest, simulate_people
+
+    with progress_bar(as_json) as progress:
+        result = simulate_people(SimulatePeopleRequest(out, number, faces, seed), progress)
+    payload = {"database": result.url, "added": result.added, "present": result.present}
+    there = f"; {len(result.present)} were there already" if result.present else ""
+    finish(
+        payload,
+        as_json,
+        lambda: say(
+            f"Added {len(result.added)} simulated people to {out}{there}; next: facewright model build {out} "
+            "-o faces.fwbm"
         ),
     )
