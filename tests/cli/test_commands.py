@@ -18,6 +18,7 @@ VERBS = [
     ["model", "build"],
     ["model", "info"],
     ["model", "explore"],
+    ["build"],
     ["fit"],
     ["export"],
     *(["capture", verb] for verb in ("show", "landmarks")),

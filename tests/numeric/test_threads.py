@@ -1,8 +1,10 @@
+import os
+
 import numpy as np
 import pytest
 
 from facewright.errors import ValueRangeError
-from facewright.numeric.threads import for_blocks, thread_count
+from facewright.numeric.threads import for_blocks, thread_count, thread_environment
 
 
 @pytest.mark.parametrize("threads", ["1", "3"])
@@ -39,3 +41,16 @@ def test_without_settings_there_is_at_least_one_thread(monkeypatch):
 def test_refuses_an_empty_block():
     with pytest.raises(ValueRangeError):
         for_blocks(3, 0, lambda start, stop: None)
+
+
+def test_the_environment_of_a_process_names_every_pool(monkeypatch):
+    import subprocess
+    import sys
+
+    environment = thread_environment(3)
+    assert set(environment.values()) == {"3"} and {"OMP_NUM_THREADS", "NUMBA_NUM_THREADS"} <= set(environment)
+    program = "from facewright.numeric.threads import thread_count; print(thread_count())"
+    found = subprocess.run([sys.executable, "-c", program], env={**os.environ, **environment}, capture_output=True)
+    assert found.stdout.strip() == b"3"
+    with pytest.raises(ValueRangeError, match="n_threads must be positive"):
+        thread_environment(0)
