@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.apps.export import OVERLAY_PARTS
 from facewright.apps.paint_person import usual_appearance
 from facewright.apps.scan_pictures import error_colours
 from facewright.camera.rotation import rotation_from_vector
@@ -18,6 +21,7 @@ from facewright.imaging.render import Albedo, render_mesh
 from facewright.imaging.scan_views import ScanView, ScanViewer
 from facewright.imaging.texture import texture_albedo
 from facewright.mesh.closest_point import ClosestPoints
+from facewright.mesh.topology import Topology
 from facewright.numeric.similarity import Similarity
 
 _YAWS = (0.0, 50.0, -50.0)
@@ -68,10 +72,11 @@ def scan_sheet(
     distances = ClosestPoints(target.points, target.faces).query(fit.posed, _FAR_MM).distances
     colours = error_colours(distances, _MOST_MM)
     plaster = _plaster(face)
+    shown = _without_overlays(face.topology)
     textured = None
     if texture is not None:
         on_skin = np.arange(len(plaster)) < face.n_skin
-        textured = texture_albedo(texture, face.topology, textured=on_skin, rest=plaster)
+        textured = texture_albedo(texture, shown, textured=on_skin, rest=plaster)
     labels = ["scan", "mesh", *(["with the scan's colours"] if textured is not None else []), "mesh over scan"]
     labels.append(f"distance, red from {_MOST_MM:g} mm")
     pictures = []
@@ -85,13 +90,14 @@ def scan_sheet(
             supersample=2,
         )
         pictures.append(view.image)
-        pictures += _mesh_pictures(view, face, vertices, scan_from_model, plaster, textured, colours)
+        pictures += _mesh_pictures(view, face, shown, vertices, scan_from_model, plaster, textured, colours)
     return contact_sheet(pictures, labels * len(_YAWS), columns=len(labels))
 
 
 def _mesh_pictures(
     view: ScanView,
     face: Face,
+    shown: Topology,
     vertices: NDArray[np.floating],
     scan_from_model: Similarity,
     plaster: NDArray[np.float64],
@@ -100,14 +106,14 @@ def _mesh_pictures(
 ) -> list[NDArray[np.uint8]]:
     """Draw the mesh as a view of the scan sees it: plain, textured, as lines, coloured by distance."""
     size = view.image.shape[0], view.image.shape[1]
-    topology, n = face.topology, face.n_skin
+    n = face.n_skin
     rotation, translation = view.camera_from_scan
     # in mm, as what draws lines expects
     seen = (scan_from_model.apply(vertices) @ rotation.T + translation) / scan_from_model.scale
     pixels = view.intrinsics.project(seen)
     albedos = [plaster] if textured is None else [plaster, textured]
-    pictures = [render_mesh(seen, pixels, topology.faces, size, albedo=albedo).image for albedo in albedos]
-    skin = topology.submesh(n)
+    pictures = [render_mesh(seen, pixels, shown.faces, size, albedo=albedo).image for albedo in albedos]
+    skin = face.topology.submesh(n)
     region = np.zeros(n, dtype=bool)
     region[skin.masks.get("face_region", np.arange(n))] = True
     polygons = skin.faces if skin.quads is None else skin.quads
@@ -115,6 +121,16 @@ def _mesh_pictures(
     lines = draw_mesh_lines(view.image, pixels[:n], seen[:n, 2], skin.faces, polygons, opacity=0.6)
     errors = render_mesh(seen[:n], pixels[:n], skin.faces, size, albedo=colours, shininess=0.0).image
     return [*pictures, lines, errors]
+
+
+def _without_overlays(topology: Topology) -> Topology:
+    """Return the topology without lashes, tear fluid and the like, which are see-through and drawn by no texture."""
+    overlay = np.zeros(topology.n_vertices, dtype=bool)
+    for name, (start, stop) in topology.parts.items():
+        overlay[start:stop] = name.startswith(OVERLAY_PARTS)
+    kept = ~overlay[topology.faces].any(axis=1)
+    uv_faces = None if topology.uv_faces is None else topology.uv_faces[kept]
+    return replace(topology, faces=topology.faces[kept], quads=None, uv_faces=uv_faces)
 
 
 def _plaster(face: Face) -> NDArray[np.float64]:
