@@ -56,7 +56,7 @@ def write_folder_atomically(folder: str | os.PathLike[str], *, overwrite: bool =
             if file.is_file():
                 _flush_to_disk(file)
         _check(target, folder, overwrite)
-        if target.exists() and any(target.iterdir()):
+        if target.exists():
             target.rename(old)
         temporary.rename(target)
         done = True
