@@ -1,11 +1,15 @@
 """What is written comes back; nothing is half-written."""
 
 import json
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 
 from facewright.camera.pinhole import Intrinsics
+from facewright.capture.captures import list_captures
 from facewright.capture.frame import RGBDFrame
 from facewright.capture.recording import open_recording
 from facewright.capture.tum_writer import write_tum_recording
@@ -130,3 +134,32 @@ def test_frames_are_read_one_after_the_other(rng, tmp_path):
 
     write_tum_recording(tmp_path / "smile", counted())
     assert max(i - done for i, done in enumerate(waiting)) <= 7
+
+
+def test_killed_in_the_middle_leaves_no_recording(tmp_path):
+    """kill -9: what was begun has a hidden name that no reader looks at."""
+    code = (
+        "import sys, itertools, numpy as np\n"
+        "from facewright.camera.pinhole import Intrinsics\n"
+        "from facewright.capture.frame import RGBDFrame\n"
+        "from facewright.capture.tum_writer import write_tum_recording\n"
+        "depth, color = np.full((30, 40), 600, np.float32), np.zeros((30, 40, 3), np.uint8)\n"
+        "frames = (RGBDFrame(color, depth, Intrinsics(40, 40, 20, 15), i / 30) for i in itertools.count())\n"
+        "write_tum_recording(sys.argv[1], frames)\n"
+    )
+    root = tmp_path / "captures"
+    write_tum_recording(root / "anna" / "neutral", [_one()])
+    writer = subprocess.Popen([sys.executable, "-c", code, str(root / "anna" / "smile")])
+    try:
+        until = time.monotonic() + 60
+        while not list(root.glob("anna/.smile*.part/depth/*.png")) and time.monotonic() < until:
+            assert writer.poll() is None
+            time.sleep(0.02)
+    finally:
+        writer.kill()
+        writer.wait()
+    assert list(root.glob("anna/.smile*.part/depth/*.png"))  # it was in the middle
+    (anna,) = list_captures(root)
+    assert list(anna.recordings) == ["neutral"] and anna.problems == ()
+    write_tum_recording(root / "anna" / "smile", [_one()])
+    assert open_recording(root / "anna" / "smile").n_frames == 1
