@@ -44,6 +44,17 @@ def test_strided_pictures_are_found_too(detector, astronaut):
     np.testing.assert_allclose(detector.detect(view)[0].points, detector.detect(astronaut)[0].points, atol=0.1)
 
 
+def test_a_quick_look_finds_plain_faces_only(detector, astronaut):
+    pytest.importorskip("mediapipe")
+    with open_detector(thorough=False) as quick:
+        np.testing.assert_allclose(quick.detect(astronaut)[0].points, detector.detect(astronaut)[0].points, atol=0.1)
+        looks = []
+        quick._look = lambda part: looks.append(part.shape) or []
+        quick._finder = lambda part: []
+        assert quick.detect(np.full((512, 512, 3), 120, np.uint8)) == []
+        assert looks == [(512, 512, 3)]  # no border, no tiles
+
+
 def test_small_cut_and_tight_faces_are_found(detector, astronaut):
     from PIL import Image
 
