@@ -11,6 +11,7 @@ import pytest
 
 from facewright.errors import StoreError
 from facewright.warehouse.check import check_warehouse
+from facewright.warehouse.layout import new_token
 from facewright.warehouse.store import Warehouse
 
 pytest.importorskip("zarr")
@@ -72,6 +73,23 @@ def test_nothing_stays_of_a_write_that_fails(store, make_subject, monkeypatch, s
     monkeypatch.undo()
     assert store.subject_names() == []
     assert check_warehouse(store).findings == ()
+
+
+def test_removal_leaves_nothing_but_what_another_writer_began(store, make_subject):
+    """Also what killed writers left of a person goes; arrays younger than an hour that nobody names yet stay."""
+    old, young = "60000000-0123456789ab", new_token()
+    store.write_subject(make_subject("anna", raw=True, age=30))
+    store.set_labels("anna", {"age": 31})
+    for token in (old, young):
+        store.objects.put_all({f"subjects/anna/{token}/meshes/c.0.0.0": b"x"})
+    store.remove_subject("anna")
+    assert "anna" not in store and set(store.objects.facts("labels")) == {"labels/zarr.json"}
+    assert set(store.objects.facts("subjects")) == {
+        "subjects/zarr.json",
+        f"subjects/anna/{young}/meshes/c.0.0.0",
+    }
+    store.write_subject(make_subject("anna", seed=1))
+    assert store.read_subject("anna").attributes == {}
 
 
 def test_a_failed_overwrite_leaves_the_older_subject(store, make_subject, same_subject, monkeypatch):

@@ -10,14 +10,13 @@ from typing import Any
 
 from facewright.errors import FacewrightError, FileFormatError, StoreError
 from facewright.warehouse.entry import SubjectEntry
-from facewright.warehouse.layout import GROUPS, ROOT, failure_folder, is_token, token_age
+from facewright.warehouse.layout import GROUPS, ROOT, SECONDS_UNTIL_LEFT, failure_folder, is_token, token_age
 from facewright.warehouse.objects import ObjectFacts, Objects
 from facewright.warehouse.store import Warehouse
 
 Progress = Callable[[str, int, int], None]
 
 DAMAGED, LEFTOVER, YOUNG, FOREIGN = "damaged", "leftover", "in the making", "foreign"
-SECONDS_UNTIL_LEFT = 3600.0
 _TEMPORARY = re.compile(r"\..+\.(part|new)(\.json)?")  # see write_atomically and LocalObjects.create
 
 
@@ -219,6 +218,6 @@ def _empty_places(objects: Objects) -> list[str]:
     removed = []
     for name in objects.names_in("subjects"):
         if name != "zarr.json" and not objects.facts(f"subjects/{name}"):
-            objects.delete(f"subjects/{name}")
+            objects.delete_empty(f"subjects/{name}")
             removed.append(f"subjects/{name}")
     return removed

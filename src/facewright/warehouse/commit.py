@@ -16,13 +16,16 @@ from facewright.warehouse.entry import SubjectEntry
 from facewright.warehouse.layout import (
     DTYPES,
     FIELDS,
+    SECONDS_UNTIL_LEFT,
     array_chunks,
+    failure_folder,
     group_content,
     group_document,
     is_token,
     json_value,
     new_token,
     subject_key,
+    token_age,
 )
 from facewright.warehouse.objects import Objects
 from facewright.warehouse.query import KEY
@@ -77,6 +80,30 @@ def commit_subject(objects: Objects, subject: Subject, *, overwrite: bool) -> Su
         with suppress(FacewrightError):
             objects.delete(f"subjects/{subject.name}/{older}")
     return entry
+
+
+def remove_subject(objects: Objects, name: str) -> bool:
+    """Remove a subject, its labels, a recorded failure, and what killed writers left of it; tells if there was any.
+
+    What another writer began within the last hour is left alone: it may be about to become visible.
+    """
+    failures = objects.names_in("failures")
+    failure = failure_folder(name)
+    found = failure.rpartition("/")[2] in failures
+    objects.delete(failure)
+    if name not in objects.names_in("subjects"):
+        return found
+    key = subject_key(name)
+    document = objects.get([key])[0]
+    current = _token_of(document)
+    damaged = document is not None and current is None  # which arrays are its own is not known: all go
+    objects.delete(key)  # from here on it is gone
+    for token in objects.names_in(f"subjects/{name}"):
+        if damaged or token == current or not is_token(token) or token_age(token) > SECONDS_UNTIL_LEFT:
+            objects.delete(f"subjects/{name}/{token}")
+    objects.delete_empty(f"subjects/{name}")
+    objects.delete(f"labels/{name}")
+    return found or document is not None
 
 
 def stored_arrays(subject: Subject) -> dict[str, NDArray[Any]]:

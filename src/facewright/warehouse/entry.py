@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from facewright.errors import FileFormatError
-from facewright.warehouse.layout import FIELDS, is_token
+from facewright.warehouse.layout import FIELDS, group_content, is_token, label_key, subject_key
+from facewright.warehouse.objects import Objects
 
 
 @dataclass(frozen=True)
@@ -119,3 +120,30 @@ def entry_from_content(name: str, content: Mapping[str, Any], labels: Mapping[st
             "facewright warehouse check --remove-damaged and make it again."
         )
     return entry
+
+
+def read_entries(objects: Objects, names: Sequence[str]) -> list[SubjectEntry]:
+    """Read the documents of subjects, in the order of `names`; those that are not there are left out.
+
+    Raises
+    ------
+    StoreError
+        If the store cannot be read.
+    FileFormatError
+        If a document is damaged; the message names the subject.
+    """
+    documents = objects.get([subject_key(name) for name in names])
+    labelled = sorted(set(objects.names_in("labels")) & set(names))
+    labels = dict(zip(labelled, objects.get([label_key(name) for name in labelled])))
+    entries = []
+    for name, document in zip(names, documents):
+        if document is None:
+            continue
+        where = f"{objects.url}: subject {name!r}"
+        set_later: Any = {}
+        later = labels.get(name)
+        if later is not None:
+            set_later = group_content(later, f"{where}, labels").get("labels")
+        content = group_content(document, where)
+        entries.append(entry_from_content(name, content, set_later if isinstance(set_later, dict) else {}, where))
+    return entries

@@ -53,6 +53,9 @@ BLOCK_VERTICES = 128
 """Vertices in one chunk of the blendshapes: 47 x 128 x 3 floats are 72 KB, so that a block of vertices of 1,000
 people takes 72 MB."""
 
+SECONDS_UNTIL_LEFT = 3600.0
+"""Age after which arrays that no document names count as left by a killed writer."""
+
 _TOKEN = re.compile(r"[0-9a-f]{8,10}-[0-9a-f]{12}")
 _MAX_DOCUMENT = 64 * 1024 * 1024
 

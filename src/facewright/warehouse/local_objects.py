@@ -145,6 +145,11 @@ class LocalObjects:
         except OSError as error:
             raise StoreError(f"{path} cannot be removed: {error.strerror or error}.") from error
 
+    def delete_empty(self, folder: str) -> None:
+        """See `Objects`."""
+        with suppress(OSError):
+            (self.root / folder).rmdir()
+
     def _make(self, folder: Path) -> None:
         try:
             folder.mkdir(parents=True, exist_ok=True)

@@ -48,6 +48,9 @@ class Objects(Protocol):
     def delete(self, key: str) -> None:
         """Remove an object or a folder with all that is in it; nothing happens where there is none."""
 
+    def delete_empty(self, folder: str) -> None:
+        """Remove a folder if nothing is in it; a writer that has begun in it is not disturbed."""
+
 
 def open_objects(url: str | os.PathLike[str]) -> Objects:
     """Return the objects at a path or URL (``folder``, ``file:///folder``, ``s3://bucket/folder``, ``memory://x``).

@@ -145,6 +145,9 @@ class RemoteObjects:
         with self._told(), suppress(FileNotFoundError):
             self._opened[0].rm(self._path(key), recursive=True)
 
+    def delete_empty(self, folder: str) -> None:
+        """See `Objects`; object stores have no folders that could be empty, other systems may keep one."""
+
     @contextmanager
     def _told(self) -> Iterator[None]:
         """Turn whatever a service's library raises into one sentence."""

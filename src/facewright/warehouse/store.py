@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -14,11 +15,11 @@ from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.faces.expressions import EXPRESSION_NAMES
 from facewright.mesh.topology import Topology
 from facewright.numeric.check import check_choice
+from facewright.warehouse.entry import SubjectEntry, read_entries
 from facewright.warehouse.layout import (
     FIELDS,
     ROOT,
     failure_folder,
-    group_content,
     group_document,
     label_key,
     subject_key,
@@ -29,7 +30,6 @@ from facewright.warehouse.subject import Subject, check_name
 if TYPE_CHECKING:
     from facewright.faces.face import Face
     from facewright.warehouse.blendshape_tensor import BlendshapeTensor
-    from facewright.warehouse.entry import SubjectEntry
     from facewright.warehouse.failures import Failure
     from facewright.warehouse.query import Value
 
@@ -211,7 +211,7 @@ class Warehouse:
         from facewright.warehouse.query import check_known, conditions_of
 
         conditions = conditions_of(where, **attributes)
-        entries = self._read_entries([n for n in self.objects.names_in("subjects") if n not in _RESERVED])
+        entries = read_entries(self.objects, [n for n in self.objects.names_in("subjects") if n not in _RESERVED])
         if not conditions or not entries:
             return entries
         check_known(conditions, (entry.attributes for entry in entries))
@@ -228,7 +228,7 @@ class Warehouse:
             If its document is damaged.
         """
         check_name(name)
-        found = self._read_entries([name])
+        found = read_entries(self.objects, [name])
         if not found:
             raise StoreError(f"{self.url} has no subject {name!r}; see facewright warehouse ls.")
         return found[0]
@@ -255,15 +255,7 @@ class Warehouse:
         wanted = list(FIELDS) if fields is None else ["meshes", *fields]
         for field in wanted:
             check_choice("field", field, FIELDS)
-        entry = self.entry(name)
-        while True:
-            try:
-                arrays = {key: self.read_field(entry, key) for key in entry.arrays if key in wanted}
-                break
-            except FileFormatError:
-                entry, before = self.entry(name), entry
-                if entry.token == before.token:  # else it was written again meanwhile
-                    raise
+        entry, arrays = self._read(name, wanted)
         return Subject(
             name=name,
             expressions=entry.expressions,
@@ -275,8 +267,7 @@ class Warehouse:
     def read_array(self, name: str, field: str) -> NDArray[Any] | None:
         """Read one array of a subject, such as ``"blendshapes"``; None where the subject has none."""
         check_choice("field", field, FIELDS)
-        entry = self.entry(name)
-        return self.read_field(entry, field) if field in entry.arrays else None
+        return self._read(name, [field])[1].get(field)
 
     def write_subject(self, subject: Subject, overwrite: bool = False) -> SubjectEntry:
         """Write a subject, whole or not at all, and forget its recorded failure.
@@ -308,14 +299,10 @@ class Warehouse:
     def remove_subject(self, name: str) -> None:
         """Remove a subject with all its arrays and labels; a recorded failure of that name goes, too."""
         self._check_writable()
-        entry_exists = name in self
-        if not entry_exists and failure_folder(name).rpartition("/")[2] not in self.objects.names_in("failures"):
+        from facewright.warehouse.commit import remove_subject
+
+        if not remove_subject(self.objects, name):
             raise StoreError(f"{self.url} has no subject {name!r}; see facewright warehouse ls.")
-        if entry_exists:
-            self.objects.delete(subject_key(name))  # from here on it is gone
-            self.objects.delete(f"subjects/{name}")
-            self.objects.delete(f"labels/{name}")
-        self.objects.delete(failure_folder(name))
 
     def set_labels(self, name: str, attributes: Mapping[str, Value | None]) -> dict[str, Any]:
         """Set attributes of a subject; they win over those it was written with, also when it is written again.
@@ -327,8 +314,6 @@ class Warehouse:
         dict
             All attributes, as they hold now.
         """
-        from dataclasses import replace
-
         from facewright.warehouse.commit import checked_attributes
 
         self._check_writable()
@@ -357,7 +342,7 @@ class Warehouse:
         """
         from facewright.warehouse.blendshape_tensor import BlendshapeTensor
 
-        entries = self.entries() if names is None else self._read_entries(list(names))
+        entries = self.entries() if names is None else read_entries(self.objects, list(names))
         missing = set(names or ()) - {entry.name for entry in entries}
         missing |= {entry.name for entry in entries if names is not None and "blendshapes" not in entry.arrays}
         entries = [entry for entry in entries if "blendshapes" in entry.arrays]
@@ -391,32 +376,22 @@ class Warehouse:
 
         return read_failures(self.objects)
 
-    # -----------------------------------------------------------------------------------------------------------------
-
-    def _read_entries(self, names: list[str]) -> list[SubjectEntry]:
-        from facewright.warehouse.entry import entry_from_content
-
-        documents = self.objects.get([subject_key(name) for name in names])
-        labelled = set(self.objects.names_in("labels")) & set(names)
-        labels = dict(zip(sorted(labelled), self.objects.get([label_key(name) for name in sorted(labelled)])))
-        entries = []
-        for name, document in zip(names, documents):
-            if document is None:
-                continue
-            where = f"{self.url}: subject {name!r}"
-            set_later: Any = {}
-            if labels.get(name) is not None:
-                set_later = group_content(labels[name] or b"", f"{where}, labels").get("labels", {})
-            content = group_content(document, where)
-            entries.append(entry_from_content(name, content, set_later if isinstance(set_later, dict) else {}, where))
-        return entries
-
     def read_field(self, entry: SubjectEntry, field: str) -> NDArray[Any]:
         """Read one of the arrays that `entry` tells of, and check it."""
         from facewright.warehouse.arrays import read_array
 
         where = f"{self.url}: {field} of subject {entry.name!r}"
         return read_array(self.objects, f"{entry.folder}/{field}", entry.arrays[field], where)
+
+    def _read(self, name: str, fields: Sequence[str]) -> tuple[SubjectEntry, dict[str, NDArray[Any]]]:
+        entry = self.entry(name)
+        while True:
+            try:
+                return entry, {key: self.read_field(entry, key) for key in entry.arrays if key in fields}
+            except FileFormatError:
+                entry, before = self.entry(name), entry
+                if entry.token == before.token:  # else it was written again meanwhile
+                    raise
 
     def _check_writable(self) -> None:
         if self.mode != "a":
