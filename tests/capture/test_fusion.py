@@ -162,6 +162,15 @@ def test_the_detector_tells_reference_and_rectangle(rng):
     assert detector.looks <= 8
 
 
+def test_what_stood_still_in_the_rectangle_is_dropped(rng):
+    tall = (BOX[0], BOX[1], BOX[2], 195)  # down to the chest
+    fused = fuse(record(TURNS, rng, noise=0.5), rectangle=tall, reference=0)
+    chest = fused.depth[172:190, BOX[0] + 10 : BOX[2] - 10]
+    assert (np.abs(chest[chest > 0] - CHEST_MM) < 5.0).all()
+    judged = face_pixels(true_depth(0)) & (fused.depth > 0)
+    assert np.median(np.abs(fused.depth - true_depth(0))[judged]) < 0.4
+
+
 def test_one_frame_is_smoothed_with_a_warning(rng):
     frames = record([0], rng)
     fused = fuse(frames, rectangle=BOX)
@@ -259,7 +268,7 @@ def test_middle_of_turn_ignores_lost_frames():
 
 def test_most_frontal_takes_the_frame_that_looks_ahead(rng):
     turns = [-9, 9, 5, 0, 4]
-    assert most_frontal(FrameList(record(turns, rng, noise=0)), Detector(turns)).index == 3
+    assert most_frontal(FrameList(record(turns, rng, noise=0)), Detector(turns)).number == 3
 
 
 class FrameList:

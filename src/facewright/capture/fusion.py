@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.capture.face_rectangle import (
@@ -33,6 +34,9 @@ from facewright.errors import DegenerateError, ShapeError, ValueRangeError
 from facewright.landmarks.detector import LandmarkDetector
 
 Progress = Callable[[str, int, int], None]
+
+#: A fused depth that is off the smoothed reference frame by more was not seen by it.
+_CONTRADICTION_MM = 4.0
 
 
 @dataclass(frozen=True)
@@ -176,6 +180,7 @@ def _finish(
     view = model.volume.view(cut, still, (bottom - top, right - left), least - 0.5)
     depth = np.zeros(picture.depth.shape, np.float32)
     depth[top:bottom, left:right] = view.depth
+    _drop_contradicted(depth, smoothed(region.keep(picture.depth, k, still), 2.5, 12.0))
     report = measure_fusion(picture, reference, box, region, frames, model, depth, options.tracking_voxel_mm, warnings)
     if report.consistency_mm > options.most_consistency_mm:
         raise DegenerateError(
@@ -184,6 +189,14 @@ def _finish(
             "moved by itself, or the pictures are blurred."
         )
     return FusedDepth(depth, picture.color, k, reference, box, tuple(model.poses), report)
+
+
+def _drop_contradicted(depth: NDArray[np.float32], seen: NDArray[np.float32]) -> None:
+    """Set depths (H, W) to 0 that the smoothed reference frame contradicts: what did not move with the head is smeared.
+
+    A shoulder in the face rectangle stood still; where the reference frame saw nothing, nothing is dropped.
+    """
+    depth[(seen > 0) & (np.abs(depth - seen) > _CONTRADICTION_MM)] = 0.0
 
 
 def _find_face(
@@ -281,4 +294,4 @@ class _FrameList:
 def _as_frames(recording_or_frames: Frames | Iterable[RGBDFrame]) -> Frames:
     if hasattr(recording_or_frames, "n_frames") and hasattr(recording_or_frames, "frames"):
         return cast(Frames, recording_or_frames)
-    return _FrameList(list(cast(Iterable[RGBDFrame], recording_or_frames)))
+    return _FrameList(list(recording_or_frames))

@@ -26,9 +26,9 @@ class _Frames(Protocol):
 
 
 class FrontalFrame(NamedTuple):
-    """The most frontal frame of those looked at, and its landmarks."""
+    """Number of the most frontal frame of those looked at, and its landmarks."""
 
-    index: int
+    number: int
     landmarks: Landmarks
 
 
