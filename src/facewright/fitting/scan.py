@@ -23,9 +23,10 @@ from facewright.fitting.scan_stage1 import (
     fit_linear,
     start_pose,
 )
-from facewright.fitting.scan_stage2 import LaplacianDeformer, Pulls
+from facewright.fitting.scan_stage2 import LaplacianDeformer, Pulls, unfold
 from facewright.fitting.scan_target import ScanTarget
 from facewright.landmarks.contour import face_region
+from facewright.mesh.connectivity import vertex_adjacency
 from facewright.mesh.normals import vertex_normals
 from facewright.numeric.check import check_choice, check_finite, check_shape
 
@@ -117,6 +118,8 @@ _GATES_MM = (6.0, 4.0, 3.0)
 _CONTACT_STIFFNESS = 5.0
 #: A fit that matches less of what the camera sees, or is further from it, has not found a face.
 _LEAST_SHARE, _MOST_RMS_MM = 0.25, 3.0
+#: Nor has a stage 1 whose coefficients have this mean square (1 is expected of people) and that is this far off still.
+_MOST_SQUARE, _STRANGE_RMS_MM = 5.0, 1.2
 #: Weight that keeps vertices without a match near where stage 1 has them.
 _REST_WEIGHT = 2e-3
 #: Residuals are reported of vertices whose closest point is within this.
@@ -169,6 +172,7 @@ class ScanFitter:
             -4.0,
             4.0,
         )
+        self._adjacency = vertex_adjacency(topology.faces, topology.n_vertices)
         self._person: _Person | None = None
 
     def fit_neutral(self, target: ScanTarget, progress: Progress | None = None) -> ScanFit:
@@ -202,6 +206,12 @@ class ScanFitter:
         if not float(fit.report["stage2_rms_mm"]) <= _MOST_RMS_MM:
             raise NoFaceError(
                 f"the scan must show a face, but the fit stays {fit.report['stage2_rms_mm']:.1f} mm away from it."
+            )
+        square = float((fit.coefficients**2).mean())
+        if square > _MOST_SQUARE and float(fit.report["stage1_rms_mm"]) > _STRANGE_RMS_MM:
+            raise NoFaceError(
+                f"the scan must show a face, but its shape would be {np.sqrt(square):.1f} standard deviations from "
+                "the mean face in every way: check landmarks, unit and what the scan shows."
             )
         if progress is not None:
             progress("fitting the neutral", 2, 2)
@@ -298,6 +308,7 @@ class ScanFitter:
             return Pulls(diagonal, rhs + contact.rhs, contact.matrix) if o.contact else Pulls(diagonal, rhs)
 
         posed = deformer.deform(start, pulls, len(_DEPTH_SHARE), smoothness=o.stage2_laplacian)
+        posed = unfold(start, posed, faces, self._adjacency)
         report = self._report({"stage1": start, "stage2": posed}, motion, surface, candidates)
         report["closed_share"] = contact.closed_share
         return ScanFit(

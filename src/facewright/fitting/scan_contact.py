@@ -14,6 +14,8 @@ from facewright.landmarks.scheme import load_scheme
 
 #: A pair is closed where its offset is this near to that of closed lips or lids, free from the second length on; mm.
 _CLOSED_MM, _FREE_MM = 1.5, 3.0
+#: Generic lids that close leave a gap (1 mm on ICT-FaceKit), of which real ones leave this share.
+_LID_REMAINDER = 0.3
 #: The same for the landmarks of upper and lower lip or lid.
 _LANDMARK_CLOSED_MM, _LANDMARK_FREE_MM = 2.5, 5.0
 #: Landmarks that face each other across the opening, by part: their distance tells whether it is closed.
@@ -113,6 +115,8 @@ class ContactPairs:
             # lips touch in the mean already, with offsets that are not quite zero; lids do when they have closed
             opened = offsets - self._rest[part] if part == "lips" else offsets
             closed = _fade(np.linalg.norm(opened, axis=1), _CLOSED_MM, _FREE_MM) * self._seen_closed(part, target)
+            if part != "lips":
+                offsets = _LID_REMAINDER * offsets
             w = stiffness * closed
             rows += [upper, lower, upper, lower]
             columns += [upper, lower, lower, upper]

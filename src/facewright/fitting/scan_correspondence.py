@@ -12,12 +12,15 @@ from facewright.errors import NoFaceError
 from facewright.fitting.scan_target import ScanTarget
 from facewright.mesh.closest_point import ClosestPoints
 from facewright.mesh.connectivity import boundary_edges
+from facewright.mesh.normals import vertex_normals
 from facewright.numeric.robust import median_scale, tukey_weights
 
 #: Cells of the coarse depth buffer, mm, and how far behind its front a vertex still counts as seen.
 _CELL_MM, _BEHIND_MM = 1.5, 3.0
 #: Samples of a triangle in the buffer: a lattice of this many steps.
 _LATTICE = 4
+#: A vertex is exposed in a direction to which its normal is at least this near.
+_FACING_COSINE = 0.3
 #: Scale of the robust weights: this many standard deviations, at least so many millimetres.
 _OUTLIER_SIGMAS, _LEAST_SCALE_MM = 4.0, 0.8
 
@@ -154,10 +157,12 @@ def exposed_vertices(vertices: NDArray[np.float64], faces: NDArray[np.integer]) 
     The insides of mouth, nostrils and lids are not: no scan shows them, and what lies nearest to them is not theirs.
     """
     seen = np.zeros(len(vertices), dtype=bool)
+    normals = vertex_normals(vertices, faces)
     for yaw in np.deg2rad([-75.0, -40.0, 0.0, 40.0, 75.0]):
         for pitch in np.deg2rad([-25.0, 0.0, 25.0]):
             turn_y = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
             turn_x = np.array([[1, 0, 0], [0, np.cos(pitch), -np.sin(pitch)], [0, np.sin(pitch), np.cos(pitch)]])
-            turned = vertices @ (turn_x @ turn_y).T * [1.0, -1.0, -1.0]
-            seen |= seen_from_camera(turned, faces, None)
+            turn = np.diag([1.0, -1.0, -1.0]) @ turn_x @ turn_y
+            facing = (normals @ turn.T)[:, 2] < -_FACING_COSINE
+            seen |= facing & seen_from_camera(vertices @ turn.T, faces, None)
     return seen

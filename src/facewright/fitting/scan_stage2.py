@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from facewright.mesh.laplacian import cotangent_laplacian
+from facewright.mesh.normals import face_area_vectors
 from facewright.numeric.sparse_solve import SymmetricSolver
 
 #: Relative residual at which a solve stops: far below what one Gauss-Newton step leaves.
@@ -19,6 +20,12 @@ _MOST_ITERATIONS = 40
 _PATIENCE = 14
 #: Laplacian coordinates shorter than this have no direction to keep; mm.
 _SHORTEST_MM = 1e-6
+#: A triangle is folded if its normal turned by more than about 75 degrees or its area shrank to less than this share.
+_LEAST_COSINE, _LEAST_AREA = 0.25, 0.2
+#: Triangles of less than half of this have no side to speak of; mm^2.
+_SLIVER_MM2 = 0.1
+#: At most so many times are folds repaired, each time by so many rounds of averaging.
+_MOST_REPAIRS, _SMOOTHINGS = 6, 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +97,10 @@ class LaplacianDeformer:
         x = start.copy()
         for step in range(steps):
             held = pulls(x, step)
-            current = self.L @ x
-            size = np.linalg.norm(current, axis=1)
+            goal = self.L @ x
+            size = np.linalg.norm(goal, axis=1)
             scale = np.divide(lengths, size, out=np.zeros_like(size), where=size > _SHORTEST_MM)
-            goal = current * scale[:, None]  # Eq. (6): original length, current direction
+            goal *= scale[:, None]  # Eq. (6): original length, current direction
             matrix = smoothness * self.LtL + sparse.diags(held.diagonal)
             if held.coupling is not None:
                 matrix = matrix + held.coupling
@@ -135,3 +142,46 @@ def _conjugate_gradients(
         p = z + (new / np.maximum(rz, 1e-300)) * p
         rz = new
     return x, _MOST_ITERATIONS
+
+
+def unfold(
+    before: NDArray[np.float64],
+    after: NDArray[np.float64],
+    faces: NDArray[np.integer],
+    adjacency: sparse.csr_matrix,
+) -> NDArray[np.float64]:
+    """Return the deformed mesh without triangles that the deformation turned over or squeezed flat.
+
+    Slivers at the rims of lips and lids fold when their corners are pulled to points a tenth of a millimetre apart.
+    There the displacement is replaced by the mean of the neighbours' displacements, again and again over one ring of
+    vertices more, until nothing is folded or the mesh has had its chances.
+
+    Parameters
+    ----------
+    before, after : ndarray of shape (V, 3), millimetres
+        The mesh before and after, in one frame.
+    faces : ndarray of shape (F, 3)
+        Triangles.
+    adjacency : sparse matrix of shape (V, V)
+        1 where an edge joins two vertices.
+    """
+    moved = after - before
+    smoothed = np.zeros(len(before), dtype=bool)
+    old = face_area_vectors(before, faces)
+    size = np.linalg.norm(old, axis=1)
+    for _ in range(_MOST_REPAIRS):
+        new = face_area_vectors(before + moved, faces)
+        folded = np.einsum("fc,fc->f", old, new) < _LEAST_COSINE * size * np.linalg.norm(new, axis=1)
+        folded |= np.linalg.norm(new, axis=1) < _LEAST_AREA * size
+        folded &= size > _SLIVER_MM2
+        if not folded.any():
+            break
+        seeds = np.zeros(len(before))
+        seeds[faces[folded]] = 1.0
+        smoothed |= (adjacency @ (smoothed + seeds) + seeds) > 0
+        ids = np.flatnonzero(smoothed)
+        rows = adjacency[ids]
+        count = np.asarray(rows.sum(axis=1))
+        for _ in range(_SMOOTHINGS):
+            moved[ids] = (rows @ moved) / count
+    return before + moved
