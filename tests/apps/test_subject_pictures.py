@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from facewright.apps import subject_pictures
 from facewright.apps.subject_pictures import capture_row, subject_sheets, write_subject_sheets
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.camera.rotation import FRONTAL
@@ -62,7 +63,8 @@ def test_what_is_not_there_is_refused(builtin_face):
         capture_row(builtin_face, subject(builtin_face, records=False), "neutral")
 
 
-def test_sheets_show_what_a_subject_has(builtin_face, tmp_path):
+def test_sheets_show_what_a_subject_has(builtin_face, tmp_path, monkeypatch):
+    monkeypatch.setattr(subject_pictures, "SHOWN_BLENDSHAPES", ("jawOpen", "eyeBlink_L"))
     sheets = subject_sheets(builtin_face, subject(builtin_face, records=False))
     assert set(sheets) == {"expressions", "blendshapes"}
     paths = write_subject_sheets(tmp_path / "new", builtin_face, subject(builtin_face), size=120)
