@@ -15,7 +15,7 @@ from facewright.apps.simulated_recording import (
 )
 from facewright.capture.fused_depth import FusedDepth
 from facewright.errors import MissingExtraError, NoFaceError, ValueRangeError
-from facewright.faces.expressions import EXPRESSION_WEIGHTS
+from facewright.faces.expressions import EXPRESSION_WEIGHTS, expression_weights
 from facewright.faces.face import Face
 from facewright.fitting.depth_target import depth_target
 from facewright.fitting.scan import ScanFit, ScanFitOptions, ScanFitter
@@ -116,7 +116,8 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         ``neutral_correspondence_rms_mm``: between corresponding vertices; ``mean_face_surface_rms_mm``,
         ``mean_face_correspondence_rms_mm``: of the mean face, moved rigidly as best fits the truth;
         ``expressions_surface_rms_mm``, ``expressions_correspondence_rms_mm``: of the 20 expressions, the neutral among
-        them; ``guides_surface_rms_mm``: of the guides carried to the fitted neutral, without stage 1 and 2;
+        them; ``mouth_stretch_surface_rms_mm``: of the largest motion, which landmarks help most (Fig. 3);
+        ``guides_surface_rms_mm``: of the guides carried to the fitted neutral, without stage 1 and 2;
         ``lip_gap_mm``, ``lid_gap_mm``: mean change of the offset of touching vertices against the truth, where the
         truth is sealed; ``open_lip_error_mm``, ``open_lid_error_mm``: the same where it is open;
         ``expression_seconds``: median time of a fit; ``failed_fits``. Landmarks are the detector's, with
@@ -212,6 +213,8 @@ class _Way:
             assert self.neutral is not None
             guide = self.fitter.transferred_guide(self.neutral, expression.guide)
             self._note("guides_surface_rms_mm", distance(fit.target_from_model.apply(guide)))
+            if np.array_equal(expression.guide, expression_weights("mouth_stretch")):
+                self._note("mouth_stretch_surface_rms_mm", reached)
         self._measure_contact(posed, truth)
 
     def _measure_contact(self, posed: NDArray[np.float64], truth: NDArray[np.float64]) -> None:
