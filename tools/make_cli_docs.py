@@ -20,7 +20,7 @@ INTRODUCTION = """\
 Made by `tools/make_cli_docs.py` from the commands themselves; do not edit.
 
 Results go to stdout, progress and errors to stderr. `--json` prints one JSON object on stdout and nothing else there.
-Exit codes: 0 done; 2 your input (one sentence says what was expected and what was found; with `--json` also
+Exit codes: 0 done; 3 done but for what could not be (subjects of a build, listed with their reasons); 2 your input (one sentence says what was expected and what was found; with `--json` also
 `{"error": {"type", "message"}, "exit_code"}`); 130 interrupted by Ctrl-C; 1 a mistake in facewright itself
 (`FACEWRIGHT_DEBUG=1` shows its traceback). Files appear whole or not at all.
 """
@@ -44,6 +44,8 @@ def _section(name: str, function: Callable[..., None]) -> str:
     hints = get_type_hints(function, include_extras=True)
     arguments, options = [], []
     for key, parameter in inspect.signature(function).parameters.items():
+        if not hasattr(hints[key], "__metadata__"):  # the command's own context
+            continue
         kind, details = hints[key].__origin__, hints[key].__metadata__[0]
         if isinstance(details, ArgumentInfo):
             shown = key.upper() if parameter.default is parameter.empty else f"[{key.upper()}]"

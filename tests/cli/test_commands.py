@@ -20,6 +20,8 @@ VERBS = [
     ["model", "explore"],
     ["build"],
     ["fit"],
+    ["fit-scan"],
+    *(["simulate", verb] for verb in ("captures", "people")),
     ["export"],
     *(["capture", verb] for verb in ("show", "landmarks")),
     *(["warehouse", verb] for verb in ("ls", "show", "check", "label", "rm", "export", "import")),

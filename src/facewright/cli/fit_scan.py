@@ -13,9 +13,7 @@ from facewright.cli.console import JsonOption, finish, progress_bar, say, table
 def fit_scan(
     mesh: Annotated[Path, typer.Argument(help="The scan: OBJ or PLY, of any unit and orientation.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results.")] = Path("fit-scan"),
-    face: Annotated[
-        str, typer.Option("--face", "-f", help="Template: builtin, ict, or a face of your own.")
-    ] = "builtin",
+    face: Annotated[str, typer.Option("--faces", help="Template: builtin, ict, or a face of your own.")] = "builtin",
     landmarks: Annotated[
         Path | None,
         typer.Option(
@@ -45,7 +43,7 @@ def fit_scan(
     \b
     Examples:
       facewright fit-scan head.obj --out anna
-      facewright fit-scan head.ply --face ict --unit m --frame model
+      facewright fit-scan head.ply --faces ict --unit m --frame model
       facewright fit-scan head.obj --landmarks points.csv
     """
     from facewright.apps.fit_scan import FitScanRequest
