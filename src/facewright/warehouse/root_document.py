@@ -66,9 +66,7 @@ def _no_store(objects: Objects) -> StoreError | FileFormatError:
         return FileFormatError(f"{objects.url} must be a facewright database (Zarr version 3), got Zarr version 2.")
     names = objects.names_in("")
     if names and set(names) <= set(GROUPS):
-        return StoreError(
-            f"{objects.url} must be a database, got one whose making was stopped; make it again."
-        )
+        return StoreError(f"{objects.url} must be a database, got one whose making was stopped; make it again.")
     if names:
         return FileFormatError(f"{objects.url} must be a facewright database, got something else: no {ROOT} in it.")
     return StoreError(f"{objects.url} must be a facewright database, got nothing there; facewright build makes one.")
