@@ -67,7 +67,8 @@ def _section(name: str, function: Callable[..., None]) -> str:
 def _value(kind: object, details: OptionInfo) -> str:
     if kind is bool:
         return ""
-    names = [part.__name__ for part in (get_args(kind) or (kind,)) if part is not type(None)]
+    parts = [part for part in (get_args(kind) or (kind,)) if part is not type(None)]
+    names = [(get_args(part) or (part,))[0].__name__ for part in parts]  # of a list, what it holds
     return " " + (details.metavar or {"str": "TEXT", "Path": "PATH"}.get(names[0], names[0])).upper()
 
 

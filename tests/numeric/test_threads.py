@@ -32,6 +32,31 @@ def test_errors_in_a_thread_are_raised(monkeypatch):
         for_blocks(10, 2, work)
 
 
+def test_blocks_within_blocks_do_not_wait_for_each_other(monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    seen = np.zeros((8, 8), dtype=int)
+
+    def work(start, stop):
+        def inner(first, last):
+            seen[start:stop, first:last] += 1
+
+        for_blocks(8, 2, inner)
+
+    for_blocks(8, 1, work)
+    assert (seen == 1).all()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_has_threads_of_its_own(monkeypatch):
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "2")
+    for_blocks(4, 1, lambda start, stop: None)  # the parent's threads exist
+    child = os.fork()
+    if child == 0:
+        for_blocks(4, 1, lambda start, stop: None)
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+
+
 def test_without_settings_there_is_at_least_one_thread(monkeypatch):
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
     monkeypatch.setenv("OMP_NUM_THREADS", "many")

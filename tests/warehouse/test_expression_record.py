@@ -1,3 +1,5 @@
+from concurrent.futures import Future
+
 import numpy as np
 import pytest
 
@@ -36,3 +38,24 @@ def test_the_clock_counts_failures_too():
     assert clock.seconds["fuse"] > 0
     clock.add("fuse", 1.0)
     assert clock.seconds["fuse"] > 1
+
+
+@pytest.mark.landmarks
+def test_a_head_that_lies_on_its_side_is_turned_upright(test_data):
+    pytest.importorskip("mediapipe", reason="needs the landmarks extra")
+    pytest.importorskip("skimage", reason="needs the landmarks extra")
+    from facewright.landmarks.detector import open_detector
+    from facewright.warehouse.expression_record import LoadedRecording, read_record
+
+    path = test_data / "truedepth_mannequin"
+    loaded = Future()
+    loaded.set_result(LoadedRecording(path))
+    with open_detector() as detector:
+        record = read_record("neutral", path, detector, StageClock(), loaded)
+    assert record.facts["quarter_turns"] == 3
+    assert record.fused.depth.shape == (320, 240)
+    points, groups = record.landmarks.points, record.landmarks.definition.groups
+    eyes, mouth = (points[np.concatenate(ids)].mean(axis=0) for ids in (
+        [groups["right_eye"], groups["left_eye"]], [groups["outer_mouth"]]
+    ))  # fmt: skip
+    assert mouth[1] - eyes[1] > 2 * abs(mouth[0] - eyes[0])  # eyes above the mouth

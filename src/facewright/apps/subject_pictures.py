@@ -32,7 +32,7 @@ SHOWN_BLENDSHAPES = (
     "eyesLookDown",
     "jawOpen",
     "jawLeft",
-    "mouthClose",
+    "noseSneer_L",
     "mouthFrown_L",
     "mouthFunnel",
     "mouthPucker",

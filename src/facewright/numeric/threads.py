@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import lru_cache
 
 from facewright.errors import ValueRangeError
+
+_NAME = "facewright-blocks"
 
 
 def thread_count() -> int:
@@ -43,9 +47,21 @@ def for_blocks(size: int, block: int, work: Callable[[int, int], None]) -> None:
         for start in starts:
             work(start, min(start + block, size))
         return
-    with ThreadPoolExecutor(workers) as pool:
-        for _ in pool.map(lambda start: work(start, min(start + block, size)), starts):
-            pass
+    if threading.current_thread().name.startswith(_NAME):  # inside a block: waiting for the pool would be for ever
+        for start in starts:
+            work(start, min(start + block, size))
+        return
+    pool = _pool(thread_count(), os.getpid())
+    blocks = [pool.submit(work, start, min(start + block, size)) for start in starts]
+    wait(blocks)
+    for finished in blocks:
+        finished.result()
+
+
+@lru_cache(maxsize=1)
+def _pool(n_threads: int, process: int) -> ThreadPoolExecutor:
+    """Return threads that stay: starting them took longer than small blocks. A forked process gets its own."""
+    return ThreadPoolExecutor(n_threads, thread_name_prefix=_NAME)
 
 
 def thread_environment(n_threads: int) -> dict[str, str]:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 #: Recordings up to this size are kept in memory while they are fused.
 _MOST_BYTES = 256 * 2**20
 _BYTES_PER_PIXEL = 7
+#: Kinds of recordings in which a head may lie on its side: phones are held upright, their sensors are not.
+_TURNED_KINDS = ("truedepth", "record3d")
 
 
 @dataclass(eq=False)
@@ -126,6 +128,10 @@ def read_record(
     rectangle = None
     if sidecar is not None and _is_complete(sidecar):
         rectangle = rectangle_from_landmarks(sidecar[1], recording.size)
+    if sidecar is None and detector is not None and recording.kind in _TURNED_KINDS:
+        with clock.time("landmark"):
+            source = _upright(source, path, detector)
+        recording = source.recording
     with clock.time("fuse"):
         fused = fuse(source, rectangle=rectangle, reference=reference, detector=detector)
     with clock.time("landmark"):
@@ -133,6 +139,7 @@ def read_record(
     facts = {
         "recording": path.name,
         "kind": recording.kind,
+        "quarter_turns": recording.quarter_turns,
         "reference_frame": fused.reference,
         "rectangle": [int(v) for v in fused.rectangle],
         "landmarks": found_by,
@@ -150,6 +157,8 @@ class LoadedRecording:
     ----------
     path : Path
         The recording.
+    quarter_turns : int, optional
+        Turn its frames so; by default as its camera file says, or not.
 
     Raises
     ------
@@ -157,10 +166,10 @@ class LoadedRecording:
         If it is damaged.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, quarter_turns: int | None = None) -> None:
         from facewright.capture.recording import open_recording
 
-        self.recording: Recording = open_recording(path)
+        self.recording: Recording = open_recording(path, quarter_turns=quarter_turns)
         self.n_frames = self.recording.n_frames
         pixels = self.recording.size[0] * self.recording.size[1] * self.n_frames
         self._kept = list(self.recording.frames()) if pixels * _BYTES_PER_PIXEL <= _MOST_BYTES else None
@@ -172,6 +181,17 @@ class LoadedRecording:
     def frames(self) -> Iterator[RGBDFrame]:
         """Yield all frames in order."""
         return self.recording.frames() if self._kept is None else iter(self._kept)
+
+
+def _upright(source: LoadedRecording, path: Path, detector: LandmarkDetector) -> LoadedRecording:
+    """Turn a phone's recording until heads are upright, unless its camera file says how to turn it."""
+    from facewright.capture.camera_file import read_camera_file
+    from facewright.capture.upright import find_quarter_turns
+
+    if read_camera_file(path).quarter_turns is not None:
+        return source
+    turns = find_quarter_turns(source.recording, detector)
+    return LoadedRecording(path, turns) if turns else source
 
 
 def _sidecar(path: Path) -> tuple[int, Landmarks] | None:

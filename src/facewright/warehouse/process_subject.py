@@ -65,7 +65,7 @@ class ProcessOptions:
         A ``face_landmarker.task`` file for MediaPipe releases that need one; empty for none.
     """
 
-    face: str = "ict"
+    face: str = "builtin"
     least_expressions: int = 10
     keep_records: bool = True
     task_file: str = ""
