@@ -23,6 +23,7 @@ from facewright.capture.frame import RGBDFrame
 from facewright.capture.fused_depth import FusedDepth
 from facewright.capture.fusion_quality import measure_fusion
 from facewright.capture.model_building import (
+    ENGINES,
     DepthFrame,
     HeadModel,
     refine_model,
@@ -32,11 +33,9 @@ from facewright.capture.model_building import (
 from facewright.capture.reference_frame import middle_of_turn, most_frontal
 from facewright.errors import DegenerateError, ShapeError, ValueRangeError
 from facewright.landmarks.detector import LandmarkDetector
+from facewright.numeric.check import check_choice
 
 Progress = Callable[[str, int, int], None]
-
-#: A fused depth that is off the smoothed reference frame by more was not seen by it.
-_CONTRADICTION_MM = 4.0
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,19 @@ class FusionOptions:
         A recording with a smaller share of its frames tracked is refused.
     most_consistency_mm : float
         A recording whose frames differ from the fused surface by more (median) is refused.
+    contradiction_mm : float
+        Fused depth that is off the smoothed reference frame by more is left out; infinity keeps all.
+    engine : {"numba", "open3d"}
+        Whose signed distance volume: our own kernels, which interpolate between pixels and voxels, or Open3D's block
+        grid and mesh (slower and with more noise, see `Open3DVolume`; needs ``facewright[capture]``). Tracking is the
+        same for both.
+
+    Raises
+    ------
+    ValueRangeError
+        If the engine is unknown.
+    MissingExtraError
+        If it is not installed.
     """
 
     voxel_mm: float = 1.5
@@ -65,6 +77,15 @@ class FusionOptions:
     least_frames: int = 2
     least_tracked: float = 0.34
     most_consistency_mm: float = 4.0
+    contradiction_mm: float = 4.0
+    engine: str = "numba"
+
+    def __post_init__(self) -> None:
+        check_choice("engine", self.engine, ENGINES)
+        if self.engine == "open3d":
+            from facewright.capture.open3d_volume import require_open3d
+
+            require_open3d()
 
 
 class Frames(Protocol):
@@ -146,8 +167,9 @@ def fuse(
     if len(frames) == 1:
         return _single(picture, anchor, box, region, warnings)
     first = track_sequence(
-        frames, region, chin, anchor, options.tracking_voxel_mm, 4 * options.tracking_voxel_mm, progress
-    )
+        frames, region, chin, anchor, options.tracking_voxel_mm, 4 * options.tracking_voxel_mm, progress,
+        engine=options.engine,
+    )  # fmt: skip
     if reference is None and detector is None:
         reference = middle_of_turn(first.poses)
         if reference != anchor:
@@ -156,7 +178,9 @@ def fuse(
             region = head_region(picture.depth, picture.intrinsics, box, reference)
             chin = chin_row(box, None)
     chosen = anchor if reference is None else reference
-    model = refine_model(frames, region, chin, first, chosen, options.voxel_mm, options.truncation_mm, progress)
+    model = refine_model(
+        frames, region, chin, first, chosen, options.voxel_mm, options.truncation_mm, progress, engine=options.engine
+    )
     _check_tracked(model, options)
     return _finish(picture, chosen, box, region, frames, model, options, warnings)
 
@@ -180,7 +204,7 @@ def _finish(
     view = model.volume.view(cut, still, (bottom - top, right - left), least - 0.5)
     depth = np.zeros(picture.depth.shape, np.float32)
     depth[top:bottom, left:right] = view.depth
-    _drop_contradicted(depth, smoothed(region.keep(picture.depth, k, still), 2.5, 12.0))
+    _drop_contradicted(depth, smoothed(region.keep(picture.depth, k, still), 2.5, 12.0), options.contradiction_mm)
     report = measure_fusion(picture, reference, box, region, frames, model, depth, options.tracking_voxel_mm, warnings)
     if report.consistency_mm > options.most_consistency_mm:
         raise DegenerateError(
@@ -191,12 +215,12 @@ def _finish(
     return FusedDepth(depth, picture.color, k, reference, box, tuple(model.poses), report)
 
 
-def _drop_contradicted(depth: NDArray[np.float32], seen: NDArray[np.float32]) -> None:
+def _drop_contradicted(depth: NDArray[np.float32], seen: NDArray[np.float32], most_mm: float) -> None:
     """Set depths (H, W) to 0 that the smoothed reference frame contradicts: what did not move with the head is smeared.
 
     A shoulder in the face rectangle stood still; where the reference frame saw nothing, nothing is dropped.
     """
-    depth[(seen > 0) & (np.abs(depth - seen) > _CONTRADICTION_MM)] = 0.0
+    depth[(seen > 0) & (np.abs(depth - seen) > most_mm)] = 0.0
 
 
 def _find_face(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from facewright.capture._tracking_kernels import halve_depth, smooth_depth
 from facewright.capture.face_rectangle import EDGE_MM, HeadRegion
 from facewright.capture.tracking import Tracked, track_frame
 from facewright.capture.volume import DepthVolume, SurfaceView
+from facewright.numeric.check import check_choice
 from facewright.numeric.threads import for_blocks
 
 Progress = Callable[[str, int, int], None]
@@ -28,6 +30,28 @@ _MARGIN_MM = 12.0
 #: A view of the model serves the frames near it: casting rays costs more than tracking.
 _VIEW_TURN, _VIEW_SHIFT_MM = np.deg2rad(4.0), 8.0
 _STILL = RigidMotion(np.eye(3), np.zeros(3))
+#: Whose signed distance volume: our own kernels, or Open3D.
+ENGINES = ("numba", "open3d")
+
+
+class SurfaceVolume(Protocol):
+    """A volume that depth maps are fused in: `DepthVolume` or `Open3DVolume`."""
+
+    def integrate(
+        self,
+        depth: NDArray[np.float32],
+        intrinsics: Intrinsics,
+        volume_from_camera: RigidMotion,
+        share: NDArray[np.float32] | None = None,
+    ) -> None:
+        """Take in a depth map."""
+        ...
+
+    def view(
+        self, intrinsics: Intrinsics, volume_from_camera: RigidMotion, size: tuple[int, int], least_weight: float = 0.5
+    ) -> SurfaceView:
+        """Return what a camera sees of the fused surface."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +84,7 @@ class DepthFrame:
         """Return the depth where it lies in a region; `pose` is region_from_frame."""
         return region.keep(self.depth, self.intrinsics, pose)
 
-    def view(self, volume: DepthVolume, pose: RigidMotion) -> SurfaceView:
+    def view(self, volume: SurfaceVolume, pose: RigidMotion) -> SurfaceView:
         """Return what the frame's camera sees of a volume; `pose` is volume_from_frame."""
         return volume.view(self.intrinsics, pose, (self.depth.shape[0], self.depth.shape[1]))
 
@@ -71,7 +95,7 @@ class HeadModel:
 
     Parameters
     ----------
-    volume : DepthVolume
+    volume : SurfaceVolume
         Fused surface.
     poses : list of RigidMotion or None
         volume_from_frame; None where a frame was lost.
@@ -79,15 +103,21 @@ class HeadModel:
         How well each frame fits; None for lost frames and for the anchor.
     """
 
-    volume: DepthVolume
+    volume: SurfaceVolume
     poses: list[RigidMotion | None]
     tracked: list[Tracked | None]
 
 
-def make_volume(region: HeadRegion, voxel_mm: float, truncation_mm: float) -> DepthVolume:
-    """Return an empty volume that holds a head region."""
+def make_volume(region: HeadRegion, voxel_mm: float, truncation_mm: float, engine: str = "numba") -> SurfaceVolume:
+    """Return an empty volume of an engine (one of `ENGINES`) that holds a head region."""
+    check_choice("engine", engine, ENGINES)
     corners = region.grown(_MARGIN_MM).corners
-    return DepthVolume(corners.min(axis=0), corners.max(axis=0), voxel_mm, truncation_mm)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if engine == "open3d":
+        from facewright.capture.open3d_volume import Open3DVolume
+
+        return Open3DVolume(low, high, voxel_mm, truncation_mm)
+    return DepthVolume(low, high, voxel_mm, truncation_mm)
 
 
 def track_sequence(
@@ -98,6 +128,8 @@ def track_sequence(
     voxel_mm: float,
     truncation_mm: float,
     progress: Progress | None = None,
+    *,
+    engine: str = "numba",
 ) -> HeadModel:
     """Track frame after frame from the anchor to both ends, each against the model of those before (KinectFusion).
 
@@ -115,8 +147,10 @@ def track_sequence(
         Of the volume.
     progress : callable, optional
         Called as progress("tracking frames", done, total).
+    engine : str
+        One of `ENGINES`.
     """
-    volume = make_volume(region, voxel_mm, truncation_mm)
+    volume = make_volume(region, voxel_mm, truncation_mm, engine)
     wide = region.grown(_MARGIN_MM)
     rigid = wide.above(chin)
     poses: list[RigidMotion | None] = [None] * len(frames)
@@ -153,12 +187,14 @@ def refine_model(
     voxel_mm: float,
     truncation_mm: float,
     progress: Progress | None = None,
+    *,
+    engine: str = "numba",
 ) -> HeadModel:
     """Track every frame once more, against the model of all frames, and fuse the raw depths anew at finer voxels.
 
     Parameters
     ----------
-    frames, voxel_mm, truncation_mm, progress
+    frames, voxel_mm, truncation_mm, progress, engine
         See `track_sequence`.
     region : HeadRegion
         Around the reference frame, in the frame of its camera.
@@ -169,7 +205,7 @@ def refine_model(
     reference : int
         Frame in whose camera's frame the new model is; it must be tracked in the first one.
     """
-    volume = make_volume(region, voxel_mm, truncation_mm)
+    volume = make_volume(region, voxel_mm, truncation_mm, engine)
     wide = region.grown(_MARGIN_MM)
     rigid = wide.above(chin)
     start = first.poses[reference]
