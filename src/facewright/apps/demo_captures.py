@@ -17,6 +17,7 @@ from facewright.apps.simulate_people import SimulatePeopleRequest, simulate_peop
 from facewright.apps.subject_pictures import subject_sheets
 from facewright.errors import DegenerateError
 from facewright.io.image import write_image
+from facewright.landmarks.contour import face_region
 from facewright.mesh.closest_point import closest_points
 from facewright.numeric.similarity import estimate_similarity
 
@@ -122,8 +123,8 @@ def build_demo_database(
 
 def _surface_rms(face: Face, vertices: NDArray[np.floating], truth: NDArray[np.float64]) -> float:
     """Return the RMS distance (mm) of the face's vertices from the true skin, after one rigid motion."""
-    region = face.topology.masks["face_region"]
     skin = face.skin()
+    region = face_region(skin.topology, skin.mean_shape)
     ours = vertices[region].astype(np.float64)
     placed = estimate_similarity(ours, truth[region], with_scale=False).apply(ours)
     distances = closest_points(truth[: face.n_skin], skin.topology.faces, placed).distances

@@ -18,6 +18,7 @@ from facewright.errors import ValueRangeError
 from facewright.faces.blendshape_names import coupled_shapes
 from facewright.faces.expressions import expression_weights, random_expression_weights
 from facewright.faces.face import Face
+from facewright.landmarks.contour import face_region
 from facewright.mesh.closest_point import closest_points
 from facewright.numeric.rotation import rotation_vector_from_matrix
 from facewright.numeric.similarity import Similarity, estimate_similarity
@@ -34,8 +35,8 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     """Measure the way from recordings to blendshapes on simulated people, with detected landmarks.
 
     Each person records 20 expressions of 24 frames each before a simulated Kinect, with hair, torso and sometimes
-    glasses. All is judged over the mask ``face_region`` in the true head frame (one rigid motion of the neutral); the
-    blendshapes on 50 random expressions nobody acted.
+    glasses. All is judged over the face in front of the jaw line (`facewright.landmarks.contour.face_region`) in the
+    true head frame (one rigid motion of the neutral); the blendshapes on 50 random expressions nobody acted.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ def judge(face: Face, subject: Subject, truth: TrueSubject, unseen: NDArray[np.f
     """Measure a subject against the truth; for the keys see `run`."""
     assert subject.blendshapes is not None
     skin = face.skin()
-    part = face.topology.masks["face_region"]
+    part = face_region(face.skin().topology, face.skin().mean_shape)
     shapes = subject.blendshapes.astype(np.float64)
     frame = estimate_similarity(shapes[0, part], truth.neutral[part], with_scale=False)
     shapes = frame.apply(shapes)
@@ -185,7 +186,7 @@ def head_jitter(face: Face, subject: Subject, truth: TrueSubject, frame: Similar
     The motion between fitted and true mesh is measured on the part of the face that the true expression leaves still;
     the shift is that of the points there.
     """
-    part = face.topology.masks["face_region"]
+    part = face_region(face.skin().topology, face.skin().mean_shape)
     upper = part[face.mean_shape[part, 1] > face.mean_shape[face.topology.landmarks["fw74"][43], 1] - 40.0]
     rest = frame.apply(subject.meshes[0, upper].astype(np.float64))
     shifts, turns = [], []
