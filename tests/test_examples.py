@@ -11,7 +11,7 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*/*.py"))
-SLOW = {"bilinear_modes", "fit_astronaut"}
+SLOW = {"bilinear_modes", "fit_astronaut", "captured_person", "fit_scan"}
 
 
 def load(path):
