@@ -1,5 +1,7 @@
 """Suite `fusion`: keys, noise below the raw frames', pixels that are judged."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,14 @@ def test_keys_and_gain(builtin_face, monkeypatch):
     assert metrics["fused_noise_mm"] < metrics["single_frame_noise_mm"]
     assert 0 < metrics["drift_mm"] < 2.0 and 0 < metrics["drift_deg"] < 2.0
     assert metrics["coverage"] > 0.9 and metrics["fps"] > 0
+    # what the gate leaves out is worse than the rest
+    assert metrics["fused_noise_mm"] <= metrics["ungated_fused_noise_mm"] < 5.0
+    if find_spec("open3d") is None:
+        assert "open3d_fused_noise_mm" not in metrics
+    else:
+        assert metrics["open3d_fused_noise_mm"] < 0.7 * metrics["raw_noise_mm"]
+        assert abs(metrics["open3d_drift_mm"] - metrics["drift_mm"]) < 0.5
+        assert metrics["beside_open3d_fused_noise_mm"] > 0 and metrics["open3d_fps"] > 0
 
 
 def test_judged_pixels_leave_edges_and_walls_out():

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _match(p, R, t, model_depth, model_camera, Rm, tm, point, seen):  # type: ignore[no-untyped-def]
     """Move a frame's point to the volume's frame (`point`), look the model up on its ray; return row, column or -1.
 
@@ -28,7 +28,7 @@ def _match(p, R, t, model_depth, model_camera, Rm, tm, point, seen):  # type: ig
     return row, column
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def normal_equations(  # type: ignore[no-untyped-def]
     points, R, t, model_depth, normals, model_camera, Rm, tm, centre, step, gate, scale, H, g
 ):
@@ -79,7 +79,7 @@ def normal_equations(  # type: ignore[no-untyped-def]
     return pairs, total, squares
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def align_points(  # type: ignore[no-untyped-def]
     points, R, t, model_depth, normals, model_camera, Rm, tm, centre, levels, small_turn, small_shift
 ):
@@ -120,7 +120,7 @@ def align_points(  # type: ignore[no-untyped-def]
     return total / max(used, 1), np.sqrt(squares / max(total, 1e-12))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _solve(H, g):  # type: ignore[no-untyped-def]
     """Overwrite g by the solution of H x = g (6, 6), by Cholesky's factor in place of H; False where it is singular."""
     for k in range(6):
@@ -147,7 +147,7 @@ def _solve(H, g):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _rotation(x, y, z, out):  # type: ignore[no-untyped-def]
     """Write the matrix of a rotation vector (Rodrigues' formula)."""
     square = x * x + y * y + z * z
@@ -159,7 +159,7 @@ def _rotation(x, y, z, out):  # type: ignore[no-untyped-def]
     out[2, 0], out[2, 1], out[2, 2] = b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def axial_residuals(points, R, t, model_depth, model_camera, Rm, tm, gate, out):  # type: ignore[no-untyped-def]
     """Write each point's depth minus the model's along the model camera's axis; NaN where there is no pair."""
     point, seen = np.empty(3), np.empty(3)
@@ -170,7 +170,7 @@ def axial_residuals(points, R, t, model_depth, model_camera, Rm, tm, gate, out):
             out[p] = seen[2] - model_depth[i, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def keep_region(depth, camera, R, t, region_camera, box, near, far, edge, out):  # type: ignore[no-untyped-def]
     """Write the depths that lie in a frustum of the volume's frame and not at an edge of depth; 0 elsewhere.
 
@@ -202,7 +202,7 @@ def keep_region(depth, camera, R, t, region_camera, box, near, far, edge, out): 
                 out[v, u] = z
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def smooth_depth(depth, spatial, reach_mm, first, last, out):  # type: ignore[no-untyped-def]
     """Smooth rows [first, last) of a depth map but not across steps: a bilateral filter with Tukey weights of depth.
 
@@ -229,7 +229,7 @@ def smooth_depth(depth, spatial, reach_mm, first, last, out):  # type: ignore[no
             out[v, u] = z + total / weights
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def halve_depth(depth, step, out):  # type: ignore[no-untyped-def]
     """Write the mean of each 2 x 2 pixels' depths that are within `step` mm of the nearest of them; 0 for none."""
     for v in range(out.shape[0]):

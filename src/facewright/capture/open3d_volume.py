@@ -2,8 +2,10 @@
 
 Measured with Open3D 0.19 (see tests): ``VoxelBlockGrid.integrate`` cuts pixel coordinates off to whole numbers, so
 that it wants the principal point half a pixel further where the centre of the first pixel is (0, 0). Its ``ray_cast``
-reads the voxel below instead of interpolating: its depths lie in front by up to 0.9 mm. So surfaces are looked at
-through the grid's triangle mesh, which has no bias.
+reads the voxel below instead of interpolating: its depths are off by 0.9 mm, and by 0.2 mm after moving the camera by
+half a voxel. So surfaces are looked at through the grid's triangle mesh, which has no bias (below 0.03 mm on a ball at
+1.5 mm voxels) but is slower than `DepthVolume`: about 150 ms of processor time for a view after frames were taken in,
+against 25.
 """
 
 from __future__ import annotations

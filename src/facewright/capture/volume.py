@@ -72,7 +72,7 @@ class DepthVolume:
         self.voxel_mm, self.truncation_mm = float(voxel_mm), float(truncation_mm)
         shape = tuple(int(n) for n in blocks[::-1])
         self.tsdf = np.zeros([n * BLOCK for n in shape], np.float32)
-        self.weight = np.zeros_like(self.tsdf)
+        self.weight = np.zeros(self.tsdf.shape, np.float32)  # unlike zeros_like, touches no memory
         self.active = np.zeros(shape, np.bool_)
 
     def integrate(
