@@ -175,3 +175,9 @@ def test_options_are_checked():
     for bad in (0, 20):
         with pytest.raises(ValueRangeError, match=str(bad)):
             ProcessOptions(least_expressions=bad)
+
+
+def test_the_engine_of_the_fusion_is_checked():
+    assert ProcessOptions(fusion="open3d").fusion == "open3d"
+    with pytest.raises(ValueRangeError, match="fusion must be one of numba, open3d"):
+        ProcessOptions(fusion="kinect")

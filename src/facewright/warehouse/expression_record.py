@@ -91,7 +91,12 @@ def needs_detector(recordings: dict[str, Path]) -> bool:
 
 
 def read_record(
-    name: str, path: Path, detector: LandmarkDetector | None, clock: StageClock, loaded: Future[LoadedRecording]
+    name: str,
+    path: Path,
+    detector: LandmarkDetector | None,
+    clock: StageClock,
+    loaded: Future[LoadedRecording],
+    engine: str = "numba",
 ) -> ExpressionRecord:
     """Fuse and mark one recording.
 
@@ -109,6 +114,8 @@ def read_record(
         Gets the seconds of the stages "read" (waiting for the frames), "fuse" and "landmark".
     loaded : Future of LoadedRecording
         The recording, which is read by another thread.
+    engine : str
+        Of the fusion, see `FusionOptions`.
 
     Raises
     ------
@@ -118,7 +125,7 @@ def read_record(
         If recording or sidecar are damaged.
     """
     from facewright.capture.face_rectangle import rectangle_from_landmarks
-    from facewright.capture.fusion import fuse
+    from facewright.capture.fusion import FusionOptions, fuse
 
     sidecar = _sidecar(path)
     with clock.time("read"):
@@ -133,7 +140,13 @@ def read_record(
             source = _upright(source, path, detector)
         recording = source.recording
     with clock.time("fuse"):
-        fused = fuse(source, rectangle=rectangle, reference=reference, detector=detector)
+        fused = fuse(
+            source,
+            rectangle=rectangle,
+            reference=reference,
+            detector=detector,
+            options=FusionOptions(engine=engine),
+        )
     with clock.time("landmark"):
         landmarks, found_by = _landmarks(fused, sidecar, detector, path)
     facts = {

@@ -24,6 +24,7 @@ from facewright.errors import (
     ValueRangeError,
 )
 from facewright.faces.expressions import EXPRESSION_NAMES, expression_weights
+from facewright.numeric.check import check_choice
 from facewright.warehouse.expression_record import (
     ExpressionRecord,
     LoadedRecording,
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 
+FUSION_ENGINES = ("numba", "open3d")
 STAGES = ("read", "fuse", "landmark", "neutral", "expression", "rig")
 """Keys of the seconds that `process_timed` returns."""
 
@@ -63,18 +65,22 @@ class ProcessOptions:
         Keep fused depth and picture of each expression in the subject.
     task_file : str
         A ``face_landmarker.task`` file for MediaPipe releases that need one; empty for none.
+    fusion : str
+        Engine of the fusion, see `facewright.capture.fusion.FusionOptions`.
     """
 
     face: str = "builtin"
     least_expressions: int = 10
     keep_records: bool = True
     task_file: str = ""
+    fusion: str = "numba"
 
     def __post_init__(self) -> None:
         if not 1 <= self.least_expressions < len(EXPRESSION_NAMES):
             raise ValueRangeError(
                 f"least_expressions must be between 1 and {len(EXPRESSION_NAMES) - 1}, got {self.least_expressions}."
             )
+        check_choice("fusion", self.fusion, FUSION_ENGINES)
 
 
 class ProcessedSubject(NamedTuple):
@@ -142,7 +148,7 @@ def process_timed(
             " ".join(capture.problems) or f"{capture.path} must have a recording of the neutral expression."
         )
     face = load_face(options.face)
-    run = _Run(face, capture, StageClock({stage: 0.0 for stage in STAGES}), progress)
+    run = _Run(face, capture, StageClock({stage: 0.0 for stage in STAGES}), progress, options.fusion)
     with run.detector(options.task_file) as detector:
         run.fit_all(detector)
     if len(run.fits) - 1 < options.least_expressions:
@@ -158,8 +164,10 @@ def process_timed(
 class _Run:
     """One subject on its way through the stages."""
 
-    def __init__(self, face: Face, capture: SubjectCapture, clock: StageClock, progress: Progress | None) -> None:
-        self.face, self.capture, self.clock, self.progress = face, capture, clock, progress
+    def __init__(
+        self, face: Face, capture: SubjectCapture, clock: StageClock, progress: Progress | None, fusion: str
+    ) -> None:
+        self.face, self.capture, self.clock, self.progress, self.fusion = face, capture, clock, progress, fusion
         names = [name for name in EXPRESSION_NAMES if name in capture.recordings]
         self.names = sorted(names, key=lambda name: name != "neutral")  # the neutral first, others in their order
         self.records: dict[str, ExpressionRecord] = {}
@@ -212,7 +220,7 @@ class _Run:
     ) -> None:
         from facewright.fitting.depth_target import depth_target
 
-        record = read_record(name, self.capture.recordings[name], detector, self.clock, loaded)
+        record = read_record(name, self.capture.recordings[name], detector, self.clock, loaded, self.fusion)
         self.records[name] = record
         with self.clock.time("neutral" if name == "neutral" else "expression"):
             target = depth_target(record.fused.depth, record.fused.intrinsics, record.landmarks)
