@@ -1,5 +1,6 @@
 """facewright build on the command line: exit codes, JSON, full disks, Ctrl-C; with a stand-in for the process."""
 
+import io
 import json
 import os
 import signal
@@ -11,7 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from facewright.apps.build import capture_warnings
+from facewright.capture.captures import SubjectCapture, list_captures
 from facewright.cli.build import duration
+from facewright.faces.expressions import EXPRESSION_NAMES
+from facewright.warehouse.build import BuildStep, SubjectOutcome
 from facewright.warehouse.store import Warehouse
 
 pytest.importorskip("zarr")
@@ -45,7 +50,7 @@ def test_all_built_exits_with_0_and_again_too(invoke, captures, tmp_path):
     assert first.exit_code == 0, first.output
     found = json.loads(first.stdout)
     assert found["built"] == ["anna", "ben"] and found["failed"] == {} and found["path"] == str(out)
-    assert all("lacks 19 of 20 expressions" in warning for warning in found["warnings"])
+    assert found["warnings"] == ["anna, ben (2 of 2 subjects) lack 19 of 20 expressions."] and found["notes"] == {}
     again = invoke("build", captures, "-o", out)
     assert again.exit_code == 0 and "0 built, 2 already there, 0 failed" in again.stdout
     assert "1 of 2: anna already there" in again.stderr
@@ -73,6 +78,69 @@ def test_failures_are_listed_and_the_exit_code_is_3(invoke, captures, tmp_path):
     assert left.exit_code == 0 and json.loads(left.stdout)["already_there"] == ["ben"]
     only = invoke("build", captures, "-o", out, "--only", "refused-1", "--json")
     assert only.exit_code == 3 and list(json.loads(only.stdout)["failed"]) == ["refused-1"]
+
+
+def test_notes_of_built_subjects_are_told_with_paths_as_the_user_gave_them(invoke, captures, tmp_path, monkeypatch):
+    write_captures(captures, "noted-1", "refused-1")
+    monkeypatch.chdir(tmp_path)
+    result = invoke("build", "captures", "-o", "faces.zarr")
+    assert result.exit_code == 3
+    lines = result.stderr.splitlines()
+    assert lines[0] == "anna, ben, noted-1, refused-1 (4 of 4 subjects) lack 19 of 20 expressions."  # before the work
+    at = next(k for k, line in enumerate(lines) if "noted-1 built" in line)
+    assert lines[at + 1] == "  noted-1: grin is left out: captures/noted-1/grin/depth/0.1.png must be a whole picture."
+    assert lines[at + 2].startswith("  noted-1: neutral, smile: Depths of the recording look like metres")
+    assert str(tmp_path) not in result.stderr and "3 built (1 with notes)" in result.stdout
+    found = json.loads(invoke("build", captures, "-o", "other.zarr", "--json").stdout)
+    assert list(found["notes"]) == ["noted-1"] and len(found["notes"]["noted-1"]) == 3
+    assert f"{captures}/noted-1/grin" in found["notes"]["noted-1"][0]
+
+
+def test_a_terminal_sees_notes_too(monkeypatch):
+    from facewright.cli import build as command
+
+    monkeypatch.setattr(command.sys, "stderr", _Terminal())
+    with command._following(False) as (_, on_step, tell):
+        tell("first")
+        outcome = SubjectOutcome(
+            "noted-1", "built", seconds=2.0, notes=("smile is left out: dark.", "neutral: one frame.")
+        )
+        on_step(BuildStep(outcome, 1, 2, 0, 3.0))
+    text = command.sys.stderr.getvalue()
+    assert "first" in text and "noted-1: smile is left out: dark." in text and "noted-1: neutral: one frame." in text
+
+
+class _Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def captured(name, *missing, problems=(), warnings=()):
+    """A capture that lacks some expressions, with the sentence that `list_captures` says of it."""
+    path = Path("/data/captures") / name
+    recordings = {e: path / e for e in EXPRESSION_NAMES if e not in missing}
+    lacks = (f"{path} lacks {len(missing)} of 20 expressions.",) if missing else ()
+    return SubjectCapture(name, path, {}, recordings, problems, (*lacks, *warnings))
+
+
+def test_missing_expressions_of_many_subjects_are_one_line():
+    many = [captured(f"p-{k:03d}", *EXPRESSION_NAMES[1 : 2 + k % 4]) for k in range(150)]
+    (line,) = capture_warnings(many)
+    assert line == "p-000, p-001, p-002, p-003, p-004 and 145 more (150 of 150 subjects) lack 1 to 4 of 20 expressions."
+    assert capture_warnings([captured("anna"), captured("ben", "grin", "smile")]) == (
+        "ben lacks 2 of 20 expressions: smile, grin.",
+    )
+    assert capture_warnings([captured("anna"), captured("ben", "grin", problems=("ben is twice.",))]) == ()
+
+
+def test_other_warnings_of_captures_are_told_and_then_counted():
+    ignored = [captured("anna", warnings=[f"/data/captures/anna/{k} is no recording." for k in range(8)])]
+    lines = capture_warnings(ignored)
+    assert len(lines) == 6 and lines[0].endswith("anna/0 is no recording.") and lines[-1].startswith("3 more")
+
+
+def test_what_list_captures_says_of_missing_expressions_is_not_told_twice(captures):
+    assert len(capture_warnings(list_captures(captures))) == 1
 
 
 def test_mistakes_end_in_one_sentence(refused, invoke, captures, tmp_path):

@@ -4,6 +4,7 @@ import os
 import signal
 import time
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,8 @@ def process_subject(capture, options, progress=None):
         time.sleep(5)
     if behaviour == "hungry":
         raise MemoryError
-    return subject_of(capture.name, options.face)
+    subject = subject_of(capture.name, options.face)
+    return replace(subject, provenance=noted(capture.path)) if behaviour == "noted" else subject
 
 
 def subject_of(name, face="tiny"):
@@ -65,6 +67,18 @@ def subject_of(name, face="tiny"):
         attributes={"age": int(rng.integers(18, 80)), "sex": "f" if number % 2 else "m"},
         provenance={"made_by": "fake_process", "number": number},
     )
+
+
+def noted(path):
+    """Provenance as the real process writes it, of a subject with troubles."""
+    unsteady = "Frames differ by {} mm: the expression was not held."
+    metres = "Depths of {} look like metres, not millimetres: multiplied by 1000."
+    expressions = {
+        "neutral": {"recording": "neutral", "warnings": [metres.format(path / "neutral")]},
+        "smile": {"recording": "smile", "warnings": [metres.format(path / "smile"), unsteady.format(1.5)]},
+    }
+    reason = f"{path / 'grin' / 'depth' / '0.1.png'} must be a whole picture."
+    return {"expressions": expressions, "failed": {"grin": {"kind": "FileFormatError", "reason": reason}}}
 
 
 def _note(capture):

@@ -122,6 +122,20 @@ def test_a_failure_is_recorded_with_its_reason_and_stops_nobody_else(empty, note
     assert steps[-1].done == steps[-1].total == len(captures) and steps[-1].failed == 7
 
 
+def test_what_was_unusual_about_a_subject_is_told(empty, cluster):
+    steps = []
+    report = build(empty, captures_of("anna", "noted-1", "refused-1"), cluster, on_step=steps.append)
+    assert report.built == ("anna", "noted-1") and list(report.notes) == ["noted-1"]
+    assert report.notes["noted-1"] == (
+        "grin is left out: /nowhere/noted-1/grin/depth/0.1.png must be a whole picture.",
+        "neutral, smile: Depths of the recording look like metres, not millimetres: multiplied by 1000.",
+        "smile: Frames differ by 1.5 mm: the expression was not held.",
+    )
+    told = {step.outcome.name: step.outcome.notes for step in steps}
+    assert told == {"anna": (), "noted-1": report.notes["noted-1"], "refused-1": ()}
+    assert build(empty, captures_of("noted-1"), cluster).notes == {}  # it was there already
+
+
 def test_a_failure_goes_when_the_subject_is_mended(empty, notes):
     captures = captures_of("refused-1", "anna", notes=notes)
     build(empty, captures)

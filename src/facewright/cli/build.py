@@ -50,7 +50,9 @@ def build(
     """Build a database from RGB-D captures: fused depth, landmarks, meshes and 46 personal blendshapes per subject.
 
     Run it again to go on after an interruption: what is there stays. Subjects that fail are listed with their reason
-    and kept by the database, see `facewright warehouse ls`; the others are built, and the exit code is then 3.
+    and kept by the database, see `facewright warehouse ls`; the others are built, and the exit code is then 3. What was
+    unusual about a subject that was built (expressions left out, depth in metres, one frame only) is told after it and
+    stays readable by `facewright warehouse show`.
 
     \b
     Examples:
@@ -78,8 +80,8 @@ def build(
         only=tuple(only or ()),
         skip_failed=skip_failed,
     )
-    with _following(as_json) as (progress, on_step, on_dashboard):
-        result = build_database(request, progress, on_step=on_step, on_dashboard=on_dashboard)
+    with _following(as_json) as (progress, on_step, tell):
+        result = build_database(request, progress, on_step=on_step, on_dashboard=tell, on_warning=tell)
     finish(_payload(result), as_json, lambda: _show(result))
     if result.report.failed:
         raise typer.Exit(EXIT_INCOMPLETE)
@@ -94,18 +96,18 @@ def _payload(result: BuildResult) -> dict[str, Any]:
         "failed": {name: {"kind": item.kind, "reason": item.reason} for name, item in report.failed.items()},
         "seconds": round(report.seconds, 3),
         "warnings": result.warnings,
+        "notes": report.notes,
     }
 
 
 def _show(result: BuildResult) -> None:
     report = result.report
-    for warning in result.warnings:
-        say(warning)
     if report.failed:
         rows = [[name, item.reason] for name, item in report.failed.items()]
         table("Failed", ["subject", "reason"], rows)
+    noted = f" ({len(report.notes)} with notes)" if report.notes else ""
     say(
-        f"{result.url}: {len(report.built)} built, {len(report.already_there)} already there, "
+        f"{result.url}: {len(report.built)} built{noted}, {len(report.already_there)} already there, "
         f"{len(report.failed)} failed; {duration(report.seconds)}."
     )
 
@@ -133,10 +135,16 @@ def _following(as_json: bool) -> Iterator[_Following]:
     if as_json:
         yield None, None, lambda text: None
     elif not sys.stderr.isatty():
-        yield None, lambda step: say_aside(_step_text(step)), say_aside
+        yield None, _say_step, say_aside
     else:
         with _bars() as following:
             yield following
+
+
+def _say_step(step: BuildStep) -> None:
+    say_aside(_step_text(step))
+    for note in step.outcome.notes:
+        say_aside(f"  {step.outcome.name}: {note}")
 
 
 def _step_text(step: BuildStep) -> str:
@@ -164,6 +172,9 @@ def _bars() -> Iterator[_Following]:
         whole = bars.add_task("subjects", total=None, left="")
         inner = bars.add_task("", total=1, left="", visible=False)
 
+        def tell(text: str) -> None:
+            bars.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
         def progress(stage: str, done: int, total: int) -> None:
             bars.update(inner, description=stage, completed=done, total=total, visible=True)
 
@@ -172,7 +183,8 @@ def _bars() -> Iterator[_Following]:
             left = f"{duration(step.seconds_left)} left{failed}"
             bars.update(whole, completed=step.done, total=step.total, left=left)
             bars.update(inner, visible=False)
-            if step.outcome.reason:
-                bars.console.print(f"{step.outcome.name}: {step.outcome.reason}", markup=False, highlight=False)
+            for sentence in (step.outcome.reason, *step.outcome.notes):
+                if sentence:
+                    tell(f"{step.outcome.name}: {sentence}")
 
-        yield progress, on_step, lambda text: bars.console.print(text, markup=False, highlight=False)
+        yield progress, on_step, tell

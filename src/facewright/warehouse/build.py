@@ -19,6 +19,7 @@ from facewright.errors import (
 )
 from facewright.warehouse.dask_cluster import Call, Cluster, Finished
 from facewright.warehouse.subject import check_name
+from facewright.warehouse.subject_notes import subject_notes
 
 if TYPE_CHECKING:
     from facewright.capture.captures import SubjectCapture
@@ -46,6 +47,8 @@ class SubjectOutcome:
         Type of the error where it failed.
     seconds : float
         Time of its work.
+    notes : tuple of str
+        What was unusual about a subject that was built, see `subject_notes`.
     """
 
     name: str
@@ -53,6 +56,7 @@ class SubjectOutcome:
     reason: str = ""
     kind: str = ""
     seconds: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -90,12 +94,15 @@ class BuildReport:
         Subjects that failed; the database keeps their reasons.
     seconds : float
         Wall-clock time.
+    notes : dict of str to tuple of str
+        What was unusual about subjects that were built in this run; those without notes are left out.
     """
 
     built: tuple[str, ...] = ()
     already_there: tuple[str, ...] = ()
     failed: dict[str, SubjectOutcome] = field(default_factory=dict)
     seconds: float = 0.0
+    notes: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 class _Written(NamedTuple):
@@ -222,7 +229,7 @@ def _build_subject(
         return _Written(ended(FAILED, error), error)
     except FacewrightError as error:
         return _Written(ended(FAILED, error))
-    return _Written(ended(BUILT))
+    return _Written(replace(ended(BUILT), notes=subject_notes(subject.provenance)))
 
 
 def _written(finished: Finished, retries: int) -> _Written:
@@ -279,4 +286,7 @@ class _Tally:
 
         failures = {item.name: item for item in self.outcomes if item.status == FAILED}
         seconds = time.perf_counter() - self.start
-        return BuildReport(names(BUILT), names(ALREADY), dict(sorted(failures.items())), seconds)
+        notes = {item.name: item.notes for item in self.outcomes if item.status == BUILT and item.notes}
+        return BuildReport(
+            names(BUILT), names(ALREADY), dict(sorted(failures.items())), seconds, dict(sorted(notes.items()))
+        )
