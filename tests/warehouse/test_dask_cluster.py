@@ -145,7 +145,7 @@ def test_the_dashboard_is_told(two_workers):
     if importlib.util.find_spec("bokeh"):
         assert "http://" in two_workers.dashboard
     else:
-        assert 'pip install "facewright[cluster]"' in two_workers.dashboard
+        assert 'pip install "facewright[warehouse]"' in two_workers.dashboard
     with open_cluster() as cluster:
         assert cluster.dashboard == ""
 

@@ -1,5 +1,7 @@
 import json
+import os
 import shutil
+import subprocess
 import sys
 
 import numpy as np
@@ -15,9 +17,8 @@ from facewright.errors import (
 )
 from facewright.mesh.closest_point import closest_points
 from facewright.numeric.similarity import estimate_similarity
+from facewright.numeric.threads import thread_environment
 from facewright.warehouse.process_subject import STAGES, ProcessOptions, process_subject, process_timed
-
-pytest.importorskip("open3d")
 
 ACTED = ("neutral", "mouth_stretch", "smile", "eyes_closed")
 OPTIONS = ProcessOptions(face="builtin", least_expressions=2)
@@ -181,3 +182,24 @@ def test_the_engine_of_the_fusion_is_checked():
     assert ProcessOptions(fusion="open3d").fusion == "open3d"
     with pytest.raises(ValueRangeError, match="fusion must be one of numba, open3d"):
         ProcessOptions(fusion="kinect")
+
+
+def test_the_number_of_threads_makes_no_difference(captures):
+    """A build that was killed may go on with another number of workers, and each has its own number of threads."""
+    program = (
+        "import sys; from pathlib import Path; from facewright.capture.captures import list_captures\n"
+        "from facewright.warehouse.process_subject import ProcessOptions, process_subject\n"
+        "options = ProcessOptions(face='builtin', least_expressions=2)\n"
+        "subject = process_subject(list_captures(Path(sys.argv[1]))[0], options)\n"
+        "import hashlib; digest = hashlib.sha256()\n"
+        "for name in ('meshes', 'blendshapes', 'expression_weights', 'camera_from_model', 'depth'):\n"
+        "    digest.update(getattr(subject, name).tobytes())\n"
+        "print(digest.hexdigest())"
+    )
+    found = []
+    for threads in (1, 2):
+        environment = {**os.environ, **thread_environment(threads)}
+        words = [sys.executable, "-c", program, str(captures)]
+        found.append(subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout)
+    assert found[0] == found[1]
+    assert len(found[0].strip()) == 64

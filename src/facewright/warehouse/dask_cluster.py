@@ -158,7 +158,7 @@ class _Distributed:
         with suppress(OSError, DaskTimeoutError, ValueError):
             if self.client.run_on_scheduler(_has_bokeh):
                 return f"dashboard: {self.client.dashboard_link}"
-            return 'dashboard: pip install "facewright[cluster]" where the scheduler runs, and it shows here'
+            return 'dashboard: pip install "facewright[warehouse]" where the scheduler runs, and it shows here'
         return ""
 
     def run(self, function: Callable[..., Any], calls: Iterable[Call], *, retries: int = 0) -> Iterator[Finished]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -127,26 +127,44 @@ def process_timed(
     Returns
     -------
     ProcessedSubject
-        Equal input gives an equal subject.
+        Equal input gives an equal subject, bit by bit, with any number of threads.
 
     Raises
     ------
     FileFormatError
         If the capture has problems, such as no recording of the neutral.
     MissingExtraError
-        If a package is missing: Open3D, or MediaPipe while a recording has no complete sidecar.
+        If a package is missing: MediaPipe while a recording has no complete sidecar, or what reads the recordings.
     FacewrightError
         If the neutral cannot be used, of the kind that its failure was.
     DegenerateError
         If fewer than `least_expressions` other expressions can be used.
     """
-    from facewright.faces.load import load_face
-
     options = options or ProcessOptions()
     if capture.problems or "neutral" not in capture.recordings:
         raise FileFormatError(
             " ".join(capture.problems) or f"{capture.path} must have a recording of the neutral expression."
         )
+    with one_blas_thread():
+        return _process(capture, options, progress)
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Let BLAS compute in one thread: sums in another order would change last bits with the number of threads.
+
+    It costs no time here: the large matrices are sparse, and the kernels that count have threads of their own, which
+    make no difference to the bits.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield
+
+
+def _process(capture: SubjectCapture, options: ProcessOptions, progress: Progress | None) -> ProcessedSubject:
+    from facewright.faces import load_face
+
     face = load_face(options.face)
     run = _Run(face, capture, StageClock({stage: 0.0 for stage in STAGES}), progress, options.fusion)
     with run.detector(options.task_file) as detector:
