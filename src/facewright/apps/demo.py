@@ -244,6 +244,15 @@ def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: Phot
              [PagePicture("captured_blendshapes.png", "Some of the 46 blendshapes: most of them nobody acted.")]],
         ),
         Section(
+            "The database and its model",
+            f"The captured person and {N_SIMULATED} simulated ones stand in a database, faces.zarr, with "
+            f"{len(model.expression_names)} shapes each; their tensor was decomposed into {model.n_identity} identity "
+            f"and {model.n_expression} expression parts. All that follows uses this model.",
+            [[PagePicture("people.png", "Ten simulated people.")],
+             [PagePicture("model.png", "The leading ways to differ: in identity (first three rows, -2 to +2 standard "
+                          "deviations) and in expression (from one end of the training shapes to the other).")]],
+        ),
+        Section(
             "One photograph",
             "A detector finds points on the photo (green). The model is turned, scaled and shaped until its points "
             "(red) lie on them; the mesh on the right is what came out. All below is made from this one picture.",
@@ -266,15 +275,6 @@ def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: Phot
             "Attributes with names, in standard deviations of the population; one changes, the others are held as far "
             "as people allow (FaceWarehouse, eq. 11-12).",
             [[PagePicture("attributes.png", "Five attributes from -2 to +2 standard deviations.")]],
-        ),
-        Section(
-            "The database and its model",
-            f"The captured person and {N_SIMULATED} simulated ones stand in a database, faces.zarr, with "
-            f"{len(model.expression_names)} shapes each; their tensor was decomposed into {model.n_identity} identity "
-            f"and {model.n_expression} expression parts. All that follows uses this model.",
-            [[PagePicture("people.png", "Ten simulated people.")],
-             [PagePicture("model.png", "The leading ways to differ: in identity (first three rows, -2 to +2 standard "
-                          "deviations) and in expression (from one end of the training shapes to the other).")]],
         ),
     ]  # fmt: skip
     figures = [
@@ -303,9 +303,9 @@ def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: Phot
     ]  # fmt: skip
     write_demo_page(
         out,
-        "facewright: one photo, one rig",
-        "What you see was computed on this machine's CPU a moment ago, by make demo, from a built-in face and one "
-        "photograph. Nothing was downloaded, and all of it may be shipped.",
+        "facewright: from a depth camera and a photo to faces that move",
+        "What you see was computed on this machine's CPU a moment ago, by make demo, from a built-in face, a simulated "
+        "person before a simulated depth camera, and one photograph. Nothing was downloaded; all of it may be shipped.",
         sections,
         figures,
         files,
