@@ -1,8 +1,12 @@
 """Describing faces, painting people, describing the machine."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from facewright.apps import describe
 from facewright.apps.describe import describe_installation, describe_machine
 from facewright.apps.paint_person import face_of_model, person_colors, portrait_painter
 from facewright.apps.show_face import ShowFaceRequest, show_face
@@ -56,3 +60,34 @@ def test_the_machine_is_described():
     assert machine["cores"] >= 1 and machine["numpy"] == np.__version__ and machine["processor"]
     found = describe_installation()
     assert found["machine"] == machine and {"builtin", "ict"} == {face["name"] for face in found["faces"]}
+
+
+def test_extras_are_those_of_the_project_and_what_is_missing_is_named(monkeypatch):
+    import tomllib
+
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = {k: v for k, v in project["optional-dependencies"].items() if k not in ("bench", "dev")}
+    brought = {
+        extra: {re.match(r"[\w-]+", text)[0].replace("-", "_") for text in texts}
+        - {"open3d_cpu", "numpy", "scikit_image"}
+        for extra, texts in extras.items()
+    }
+    assert {extra: set(packages) for extra, packages in describe.EXTRAS.items()} == brought
+    there = describe.util.find_spec
+    monkeypatch.setattr(describe.util, "find_spec", lambda name: None if name in ("open3d", "zarr") else there(name))
+    found = describe_installation()
+    assert not found["extras"]["capture"] and not found["extras"]["warehouse"]
+    assert "open3d" in found["missing"]["capture"] and "zarr" in found["missing"]["warehouse"]
+    assert "imagecodecs" not in found["missing"]["capture"] or there("imagecodecs") is None
+    assert {"open3d", "zarr", "dask", "distributed", "mediapipe"} <= set(found["packages"])
+
+
+def test_a_package_under_another_name_has_its_version(monkeypatch):
+    def version(name):
+        if name == "open3d-cpu":
+            return "0.19.0"
+        raise describe.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(describe.metadata, "version", version)
+    packages = describe_installation()["packages"]
+    assert packages["open3d"] == "0.19.0" and packages["zarr"] is None

@@ -231,3 +231,39 @@ def test_a_reader_that_goes_away_is_no_error():
 def test_no_progress_where_nobody_watches():
     result = _invoke("faces", "list")
     assert result.stderr == ""
+
+
+def test_info_names_what_is_missing(monkeypatch):
+    from facewright.apps import describe
+
+    there = describe.util.find_spec
+    monkeypatch.setattr(describe.util, "find_spec", lambda name: None if name == "zarr" else there(name))
+    text = _invoke("info").stdout
+    assert "zarr" in text and "pip install 'facewright[warehouse]'" in text and "open3d" in text
+
+
+def test_help_speaks_of_captures_databases_and_scans():
+    text = " ".join(_invoke("--help").stdout.split())
+    assert "captures" in text and "databases" in text and "scans" in text
+    assert "depth camera" in " ".join(_invoke("demo", "--help").stdout.split())
+
+
+def test_the_demo_says_its_stages_where_nobody_sees_bars(monkeypatch, tmp_path):
+    from dataclasses import dataclass
+
+    from facewright.apps import demo
+
+    @dataclass
+    class Result:
+        seconds: float = 1.0
+
+    def run(out, seed, progress):
+        if progress is not None:
+            for stage, done in (("writing captures", 0), ("writing captures", 1), ("drawing", 1)):
+                progress(stage, done, 1)
+        return Result()
+
+    monkeypatch.setattr(demo, "run_demo", run)
+    assert _invoke("demo", "--out", tmp_path / "d").stderr.splitlines() == ["writing captures ...", "drawing ..."]
+    quiet = _invoke("demo", "--out", tmp_path / "d", "--json")
+    assert quiet.stderr == "" and json.loads(quiet.stdout) == {"seconds": 1.0}

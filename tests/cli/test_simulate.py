@@ -14,6 +14,8 @@ def test_writes_captures_and_says_what(invoke, refused, tmp_path):
     (subject,) = list_captures(tmp_path / "a")
     assert list(subject.recordings) == ["neutral", "smile"]
     assert "not overwritten" in refused(*words)
+    spoken = invoke(*words[:2], tmp_path / "c", *words[3:-1], "neutral")
+    assert "Wrote 1 person, 1 recording, 2 frames (" in spoken.stdout
 
 
 def test_mistakes_end_in_one_sentence(refused, tmp_path):

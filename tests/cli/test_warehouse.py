@@ -29,11 +29,39 @@ def faces(tmp_path_factory, builtin_face):
                 blendshapes=shapes,
                 color=np.full((3, 48, 64, 3), 40 * k + 90, np.uint8),
                 attributes={"age": 30 + 10 * k, "sex": sex},
-                provenance={"source": "test"},
+                provenance={"source": "test"} if name == "bert" else _provenance(name),
             )
         )
     store.record_failure("carl", "no face was found", "NoFaceError")
     return store.url
+
+
+def _provenance(name):
+    """As `process_subject` writes it: each warning of fusion stands twice, one expression was dropped."""
+    unsteady = "Frames differ by {} mm: the expression was not held."
+
+    def facts(expression, residual, *warnings):
+        return {
+            "recording": expression,
+            "landmarks": "detector" if expression == "smile" else "sidecar",
+            "fusion": {"n_fused": 24, "raw_noise_mm": 2.2, "warnings": list(warnings)},
+            "fit": {"stage2_rms_mm": residual, "landmark_rms_mm": 1.5},
+            "rig_residual_mm": 0.31,
+            "warnings": list(warnings),
+        }
+
+    return {
+        "source": "captures",
+        "versions": {"facewright": "0.1.0", "numpy": "1.26.4"},
+        "face": {"name": "builtin", "topology": "abc"},
+        "expressions": {
+            "neutral": facts("neutral", 0.217),
+            "smile": facts("smile", 0.228, unsteady.format(1.5)),
+            "grin": facts("grin", 0.239, unsteady.format(2.5)),
+        },
+        "failed": {"anger": {"kind": "NoFaceError", "reason": "anger must show a face."}},
+        "missing": ["sadness"],
+    }
 
 
 def _json(invoke, *args):
@@ -57,7 +85,7 @@ def test_show(invoke, faces, tmp_path):
     found = _json(invoke, "show", faces)
     assert found["subjects"] == 2 and found["face"] == "builtin" and found["attributes"] == ["age", "sex"]
     person = _json(invoke, "show", faces, "anna", "-o", tmp_path / "anna.png")
-    assert person["expressions"] == ["neutral", "smile", "grin"] and person["provenance"] == {"source": "test"}
+    assert person["expressions"] == ["neutral", "smile", "grin"] and person["provenance"] == _provenance("anna")
     with Image.open(tmp_path / "anna.png") as picture:
         assert picture.width > 1500 and picture.height > 1000
         pixels = np.asarray(picture.convert("RGB")).astype(int)
@@ -65,7 +93,47 @@ def test_show(invoke, faces, tmp_path):
     rows = [pixels[k * 252 + 6 : k * 252 + 230] for k in range(7)]
     assert all((row[:, 6:190] < 250).any() for row in rows)
     assert (rows[0][:, 3 * 190 + 6 :] == 255).all() and (rows[1][:, 3 * 190 + 6 :] == 255).all()
-    assert "digest" in invoke("warehouse", "show", faces, "anna").stdout
+
+
+def test_show_of_a_person_is_a_summary(invoke, faces):
+    text = invoke("warehouse", "show", faces, "anna").stdout
+    lines = text.splitlines()
+    assert lines[0].startswith("anna of ") and "3 expressions, 46 blendshapes" in lines[0] and len(lines) < 40
+    assert "MB uncompressed" in lines[0] and "captures, face builtin, facewright 0.1.0" in text and "sadness" in text
+    smile = next(line for line in lines if line.startswith("│ smile"))
+    assert [cell.strip() for cell in smile.split("│")[2:-1]] == ["24", "0.23", "1.50", "0.31", "detector"]
+    assert "sidecar" in next(line for line in lines if line.startswith("│ grin"))
+    notes = [line for line in lines if line.startswith("Note: ")]
+    assert notes == [
+        "Note: anger is left out: anger must show a face.",
+        "Note: smile, grin: Frames differ by 1.5 to 2.5 mm: the expression was not held.",
+    ]
+    assert text.count("was not held") == 1 and "raw_noise_mm" not in text and "numpy" not in text
+    assert _json(invoke, "show", faces, "anna")["notes"] == [note.removeprefix("Note: ") for note in notes]
+    plain = invoke("warehouse", "show", faces, "bert").stdout  # made by something else
+    assert "digest" in plain and "neutral, smile, grin" in plain and "Note: " not in plain and "test" in plain
+
+
+def test_ls_says_why_nobody_fits(invoke, faces):
+    assert _json(invoke, "ls", faces)["hints"] == []
+    result = invoke("warehouse", "ls", faces, "--where", "sex=female", "-w", "age>=31")
+    assert result.exit_code == 0
+    assert result.stdout.splitlines() == [
+        "0 of 2 people fit sex = female: sex is f, m.",
+        "1 of 2 people fit age >= 31: age is 30 to 40.",
+    ]
+    found = _json(invoke, "ls", faces, "--where", "sex=female")
+    assert found["subjects"] == [] and found["hints"] == ["0 of 2 people fit sex = female: sex is f, m."]
+
+
+def test_sizes_say_what_they_are_and_one_is_one_person(invoke, faces):
+    text = invoke("warehouse", "ls", faces, "-w", "sex=f").stdout
+    assert "1 person" in text and "in memory" in text
+    listed = sum(s["uncompressed_megabytes"] for s in _json(invoke, "ls", faces)["subjects"])
+    assert _json(invoke, "show", faces)["uncompressed_megabytes"] == pytest.approx(listed, abs=0.01)
+    stored = _json(invoke, "check", faces)["stored_megabytes"]
+    assert 0 < stored < listed
+    assert f"{stored:.1f} MB stored, compressed" in invoke("warehouse", "check", faces).stdout
 
 
 def test_label_and_check(invoke, faces):

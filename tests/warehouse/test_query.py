@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from facewright.errors import ValueRangeError
-from facewright.warehouse.query import Condition, conditions_of, parse_value, parse_where
+from facewright.warehouse.query import Condition, conditions_of, explain_nobody, parse_value, parse_where
 
 ANNA = {"age": 34, "sex": "f", "glasses": True, "height": "1.70", "note": "and so on", "hair colour": "brown"}
 
@@ -62,3 +62,15 @@ def test_any_text_is_read_or_refused(text):
 @given(st.one_of(st.integers(-(10**14), 10**14), st.floats(-1e9, 1e9), st.booleans()))
 def test_values_are_read_as_they_are_shown(value):
     assert parse_value(str(value)) == value
+
+
+def test_why_nobody_fits():
+    people = [{"sex": "m", "age": 20, "tag": f"t{k}", "glasses": k == 0} for k in range(12)] + [{"sex": "f"}]
+    told = explain_nobody(["sex=female", "age>30 and tag=x", "glasses=yes", "height>1"], people)
+    assert told == [
+        "0 of 13 people fit sex = female: sex is m, f.",
+        "0 of 13 people fit age > 30: age is 20.",
+        "0 of 13 people fit tag = x: tag is t0, t1, t2, t3, t4, t5, t6, t7 and 4 more values.",
+        "0 of 13 people fit glasses = yes: glasses is false, true.",
+        "0 of 13 people fit height > 1: height is not known of anybody.",
+    ]

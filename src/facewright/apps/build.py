@@ -144,8 +144,9 @@ def build(
     with open_cluster(request.workers, request.scheduler, retries=request.retries) as cluster:
         if on_dashboard is not None and cluster.dashboard:
             on_dashboard(cluster.dashboard)
-        for sentence in warnings if on_warning is not None else ():
-            on_warning(sentence)
+        if on_warning is not None:
+            for sentence in warnings:
+                on_warning(sentence)
         report = build_warehouse(
             warehouse,
             captures,

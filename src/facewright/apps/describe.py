@@ -8,21 +8,35 @@ from importlib import metadata, util
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "numba", "pillow", "scikit-image", "pooch", "typer", "rich", "mediapipe")
-EXTRAS = {"landmarks": "mediapipe"}
+PACKAGES = ("numpy", "scipy", "numba", "pillow", "scikit-image", "pooch", "typer", "rich")
+#: Extra -> the packages it brings, by the name they are imported under.
+EXTRAS = {
+    "landmarks": ("mediapipe",),
+    "capture": ("open3d", "imagecodecs"),
+    "warehouse": ("zarr", "numcodecs", "google_crc32c", "fsspec", "dask", "distributed", "bokeh", "threadpoolctl"),
+}
+#: Other names under which the same package is installed.
+_ALSO = {"open3d": ("open3d-cpu",)}
 
 
 def describe_installation() -> dict[str, Any]:
-    """Return versions, machine, extras, faces and the store's folder, as JSON values."""
+    """Return versions, machine, extras, faces and the store's folder, as JSON values.
+
+    `packages` maps names to versions, None where one is not installed; `extras` tells which are complete, and
+    `missing` which packages the others lack.
+    """
     from facewright import __version__
     from facewright.faces import list_faces
     from facewright.faces.store import face_store
 
+    names = [*PACKAGES, *(name for packages in EXTRAS.values() for name in packages)]
+    missing = {extra: [name for name in packages if util.find_spec(name) is None] for extra, packages in EXTRAS.items()}
     return {
         "facewright": __version__,
         "python": platform.python_version(),
-        "packages": {name: _version(name) for name in PACKAGES},
-        "extras": {extra: util.find_spec(module) is not None for extra, module in EXTRAS.items()},
+        "packages": {name: _version(name) for name in dict.fromkeys(names)},
+        "extras": {extra: not packages for extra, packages in missing.items()},
+        "missing": {extra: packages for extra, packages in missing.items() if packages},
         "faces": [{"name": face.name, "installed": face.installed} for face in list_faces()],
         "store": str(face_store()),
         "machine": describe_machine(),
@@ -51,10 +65,12 @@ def usable_cores() -> int:
 
 
 def _version(name: str) -> str | None:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
+    for installed in (name, *_ALSO.get(name, ())):
+        try:
+            return metadata.version(installed)
+        except metadata.PackageNotFoundError:
+            continue
+    return None
 
 
 def _processor() -> str:

@@ -52,6 +52,9 @@ class ShowWarehouseRequest:
 def show_warehouse(request: ShowWarehouseRequest, progress: Progress | None = None) -> dict[str, Any]:
     """Return facts of a database or a person as JSON values, and draw the person where a picture is asked for.
 
+    Sizes are those of the arrays in memory. A person's `notes` tell what was unusual, each sentence once, see
+    `subject_notes`.
+
     Raises
     ------
     StoreError
@@ -60,6 +63,7 @@ def show_warehouse(request: ShowWarehouseRequest, progress: Progress | None = No
         If what is read is damaged.
     """
     from facewright.warehouse.store import Warehouse
+    from facewright.warehouse.subject_notes import subject_notes
 
     warehouse = Warehouse.open(request.store)
     if request.subject is None:
@@ -77,8 +81,9 @@ def show_warehouse(request: ShowWarehouseRequest, progress: Progress | None = No
         "attributes": entry.attributes,
         "expressions": list(entry.expressions),
         "arrays": {name: [*description["shape"], description["dtype"]] for name, description in entry.arrays.items()},
-        "megabytes": round(entry.n_bytes / 1e6, 3),
+        "uncompressed_megabytes": round(entry.n_bytes / 1e6, 3),
         "digest": entry.digest,
+        "notes": subject_notes(entry.provenance, most_named=len(entry.expressions)),
         "provenance": dict(entry.provenance),
         **({"picture": str(request.out)} if request.out is not None else {}),
     }
@@ -102,7 +107,7 @@ def _describe_store(warehouse: Warehouse) -> dict[str, Any]:
         "attributes": attributes,
         "expressions": list(warehouse.expression_names),
         "blendshapes": list(warehouse.blendshape_names[1:]),
-        "megabytes": round(sum(entry.n_bytes for entry in entries) / 1e6, 3),
+        "uncompressed_megabytes": round(sum(entry.n_bytes for entry in entries) / 1e6, 3),
     }
 
 

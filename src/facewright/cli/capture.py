@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from facewright.cli.console import JsonOption, finish, progress_bar, say, table
+from facewright.cli.wording import counted
 
 app = typer.Typer(
     no_args_is_help=True, help="Look at recordings of depth cameras, mark landmarks.", rich_markup_mode="rich"
@@ -107,8 +108,8 @@ def landmarks(
         if result.failed:
             table("No landmarks", ["recording", "why"], [[name, why] for name, why in result.failed.items()])
         for name, turns in result.turned.items():
-            say(f"{name} lay on its side: {turns} quarter turns are noted beside it.")
+            say(f"{name} lay on its side: {counted(turns, 'quarter turn is', 'quarter turns are')} noted beside it.")
         kept = f", kept {len(result.kept)} that were there (--overwrite replaces them)" if result.kept else ""
-        say(f"Wrote {len(result.written)} landmark files{kept}; {len(result.failed)} failed.")
+        say(f"Wrote {counted(len(result.written), 'landmark file')}{kept}; {len(result.failed)} failed.")
 
     finish(payload, as_json, lines)

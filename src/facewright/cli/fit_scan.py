@@ -78,9 +78,9 @@ def fit_scan(
         table(f"{mesh}, fitted", ["what", "file"], rows)
         how = f"taken for {placement.unit}" if unit == "auto" else f"given in {placement.unit}"
         say(
-            f"The scan is {how}; the face is {placement.size:.2f} times the mean face's size and lies within "
-            f"{report['stage2_rms_mm']:.2f} mm (RMS) of {100 * float(report['matched_share']):.0f} % of the face, "
-            f"{report['landmark_rms_mm']:.1f} mm from its landmarks."
+            f"The scan is {how}; the face is {placement.size:.2f} times the mean face's size. The two are "
+            f"{report['stage2_rms_mm']:.2f} mm apart (RMS) over the {100 * float(report['matched_share']):.0f} % of "
+            f"the face where the scan was matched, {report['landmark_rms_mm']:.1f} mm at the landmarks."
         )
 
     finish(payload, as_json, show)

@@ -22,9 +22,7 @@ def info(as_json: JsonOption = False) -> None:
         rows += [[name, version or "not installed"] for name, version in found["packages"].items()]
         table("Versions", ["package", "version"], rows)
         table("Machine", ["", "value"], [[key, str(value)] for key, value in found["machine"].items()])
-        rows = [
-            [name, "yes" if here else f"no: pip install 'facewright[{name}]'"] for name, here in found["extras"].items()
-        ]
+        rows = [[f"extra {name}", _extra_text(name, found["missing"].get(name, []))] for name in found["extras"]]
         rows += [
             [f"face {f['name']}", "yes" if f["installed"] else f"no: facewright faces install {f['name']}"]
             for f in found["faces"]
@@ -32,3 +30,9 @@ def info(as_json: JsonOption = False) -> None:
         table("Installed", ["what", "installed"], [*rows, ["faces are kept in", found["store"]]])
 
     finish(found, as_json, show)
+
+
+def _extra_text(extra: str, missing: list[str]) -> str:
+    if not missing:
+        return "yes"
+    return f"no, without {', '.join(missing)}: pip install 'facewright[{extra}]'"

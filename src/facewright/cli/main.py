@@ -32,7 +32,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
-    help="3D faces that move: fit photos, build models, export rigs. Start with: facewright demo",
 )
 
 
@@ -48,7 +47,10 @@ def root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    """3D faces that move: fit photos, build models, export rigs. Start with: facewright demo."""
+    """3D faces that move: depth captures, scans and photos become databases, models and rigs.
+
+    Start with: facewright demo.
+    """
 
 
 app.command("demo")(demo.demo)

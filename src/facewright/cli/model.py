@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from facewright.cli.console import JsonOption, finish, progress_bar, say, say_aside, table
+from facewright.cli.wording import counted
 from facewright.errors import ValueRangeError
 
 if TYPE_CHECKING:
@@ -97,13 +98,14 @@ def _build_from_database(request: BuildDatabaseModelRequest, as_json: bool) -> N
         "unseen_rms_mm": result.unseen_rms_mm,
     }
     without = result.n_without_blendshapes
-    left_out = f" ({without} more have no blendshapes)" if without else ""
+    left_out = f" ({counted(without, 'more has', 'more have')} no blendshapes)" if without else ""
     unseen = f"; {result.unseen_rms_mm:.2f} mm RMS on people held out" if result.unseen_rms_mm is not None else ""
     finish(
         payload,
         as_json,
         lambda: say(
-            f"Wrote {result.path} ({result.n_bytes / 1e6:.1f} MB): {len(model.identity_weights)} people{left_out}, "
+            f"Wrote {result.path} ({result.n_bytes / 1e6:.1f} MB): "
+            f"{counted(len(model.identity_weights), 'person', 'people')}{left_out}, "
             f"{model.n_vertices} vertices, {model.n_identity} x {model.n_expression} components; "
             f"{result.decompose_seconds:.1f} s{unseen}."
         ),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from facewright.cli.console import JsonOption, finish, progress_bar, say
+from facewright.cli.wording import counted
 
 app = typer.Typer(
     no_args_is_help=True, help="Make up recordings and people to try things with.", rich_markup_mode="rich"
@@ -68,7 +69,8 @@ def captures(
         payload,
         as_json,
         lambda: say(
-            f"Wrote {len(result.subjects)} people, {result.n_recordings} recordings, {result.n_frames} frames "
+            f"Wrote {counted(len(result.subjects), 'person', 'people')}, {counted(result.n_recordings, 'recording')}, "
+            f"{counted(result.n_frames, 'frame')} "
             f"({result.n_bytes / 1e6:.0f} MB) to {result.out}; next: facewright build {result.out} -o faces.zarr"
         ),
     )
@@ -94,12 +96,10 @@ def people(
     with progress_bar(as_json) as progress:
         result = simulate_people(SimulatePeopleRequest(out, number, faces, seed), progress)
     payload = {"database": result.url, "added": result.added, "present": result.present}
-    there = f"; {len(result.present)} were there already" if result.present else ""
+    there = f"; {counted(len(result.present), 'was', 'were')} there already" if result.present else ""
+    added = counted(len(result.added), "simulated person", "simulated people")
     finish(
         payload,
         as_json,
-        lambda: say(
-            f"Added {len(result.added)} simulated people to {out}{there}; next: facewright model build {out} "
-            "-o faces.fwbm"
-        ),
+        lambda: say(f"Added {added} to {out}{there}; next: facewright model build {out} -o faces.fwbm"),
     )

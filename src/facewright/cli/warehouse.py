@@ -8,6 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from facewright.cli.console import EXIT_USER, JsonOption, finish, progress_bar, say, table
+from facewright.cli.person_summary import show_person
+from facewright.cli.wording import counted, megabytes
 
 app = typer.Typer(no_args_is_help=True, help="Look into a database of people, and keep it.", rich_markup_mode="rich")
 StoreArgument = Annotated[str, typer.Argument(help="Database: a folder, or a URL such as s3://bucket/faces.zarr.")]
@@ -24,7 +26,7 @@ def list_command(
     failures: Annotated[bool, typer.Option("--failures", help="List those who failed, and why.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List the people of a database; only their attributes are read.
+    """List the people of a database; only their attributes are read. Sizes are in memory; files are smaller.
 
     \b
     Examples:
@@ -32,6 +34,7 @@ def list_command(
       facewright warehouse ls faces.zarr --where 'age>30' --where sex=f
       facewright warehouse ls faces.zarr --failures
     """
+    from facewright.warehouse.query import explain_nobody
     from facewright.warehouse.store import Warehouse
 
     warehouse = Warehouse.open(store)
@@ -47,25 +50,29 @@ def list_command(
             "attributes": entry.attributes,
             "expressions": len(entry.expressions),
             "blendshapes": "blendshapes" in entry.arrays,
-            "megabytes": round(entry.n_bytes / 1e6, 3),
+            "uncompressed_megabytes": round(entry.n_bytes / 1e6, 3),
         }
         for entry in entries
     ]
     n_failed = len(warehouse.failures())
+    hints = [] if entries or not where else explain_nobody(where, [e.attributes for e in warehouse.entries()])
 
     def show() -> None:
         keys = sorted({key for entry in entries for key in entry.attributes})
-        columns = ["subject", *keys, "expressions", "blendshapes", "MB"]
+        columns = ["subject", *keys, "expressions", "blendshapes", "MB in memory"]
         rows = [
             [e.name, *(str(e.attributes.get(key, "")) for key in keys), str(len(e.expressions))]
             + ["yes" if "blendshapes" in e.arrays else "no", f"{e.n_bytes / 1e6:.1f}"]
             for e in entries
         ]
-        table(f"{store}: {len(entries)} people", columns, rows)
-        if n_failed:
+        if entries or not where:
+            table(f"{store}: {counted(len(entries), 'person', 'people')}", columns, rows)
+        for sentence in hints:
+            say(sentence)
+        if n_failed and not where:
             say(f"{n_failed} failed: facewright warehouse ls {store} --failures tells why.")
 
-    finish({"subjects": people, "failures": n_failed}, as_json, show)
+    finish({"subjects": people, "failures": n_failed, "hints": hints}, as_json, show)
 
 
 @app.command("show")
@@ -77,7 +84,7 @@ def show(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Describe a database or a person and, with --out, draw the person.
+    """Describe a database or a person and, with --out, draw the person; --json tells all of how a person was made.
 
     \b
     Examples:
@@ -88,8 +95,14 @@ def show(
 
     with progress_bar(as_json) as progress:
         found = show_warehouse(ShowWarehouseRequest(store, subject, out), progress)
-    rows = [[key.replace("_", " "), _short(value)] for key, value in found.items()]
-    finish(found, as_json, lambda: table(f"{store} {subject or ''}".strip(), ["", "value"], rows))
+
+    def lines() -> None:
+        if subject is not None:
+            show_person(found, store)
+        else:
+            table(store, ["", "value"], [[key.replace("_", " "), _short(value)] for key, value in found.items()])
+
+    finish(found, as_json, lines)
 
 
 @app.command("check")
@@ -105,6 +118,8 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Read every array of a database and compare it with its checksum; exit code 2 if something is damaged.
+
+    Tells the size of its files, which are compressed: `ls` and `show` tell sizes in memory.
 
     \b
     Examples:
@@ -129,7 +144,7 @@ def check(
     payload = {
         "subjects": report.n_subjects,
         "arrays": report.n_arrays,
-        "megabytes": round(report.n_bytes / 1e6, 3),
+        "stored_megabytes": round(report.n_bytes / 1e6, 3),
         "damaged_subjects": report.damaged,
         "findings": findings,
         "removed": report.removed,
@@ -139,7 +154,8 @@ def check(
         if findings:
             table("Findings", ["subject", "kind", "what"], [[f["subject"], f["kind"], f["what"]] for f in findings])
         say(
-            f"{report.n_subjects} people, {report.n_arrays} arrays, {report.n_bytes / 1e6:.1f} MB: "
+            f"{counted(report.n_subjects, 'person', 'people')}, {counted(report.n_arrays, 'array')}, "
+            f"{megabytes(report.n_bytes)} stored, compressed: "
             + (f"{damaged} damaged." if damaged else "all as they were written.")
         )
         if report.removed:
@@ -229,7 +245,7 @@ def export(
     )
     with progress_bar(as_json) as progress:
         folders = export_people(request, progress)
-    finish({"folders": folders}, as_json, lambda: say(f"Wrote {len(folders)} people to {out}."))
+    finish({"folders": folders}, as_json, lambda: say(f"Wrote {counted(len(folders), 'person', 'people')} to {out}."))
 
 
 @app.command("import")
@@ -268,7 +284,8 @@ def import_(
         if report.failed:
             table("Failed", ["subject", "reason"], [[name, reason] for name, reason in report.failed.items()])
         there = f", {len(report.already_there)} were there" if report.already_there else ""
-        say(f"Imported {len(report.imported)} people into {store}{there}; {len(report.failed)} failed.")
+        imported = counted(len(report.imported), "person", "people")
+        say(f"Imported {imported} into {store}{there}; {len(report.failed)} failed.")
 
     finish(payload, as_json, lines)
     if report.failed and not report.imported and not report.already_there:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import operator
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from facewright.errors import ValueRangeError
 
 Value = str | int | float | bool
+_MOST_VALUES = 8
 
 # Longest first, so that ">=" is not read as ">".
 OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
@@ -114,6 +116,45 @@ def check_known(conditions: Iterable[Condition], attributes: Iterable[Mapping[st
                 f"condition must be about an attribute that some subject has ({', '.join(known) or 'there is none'}), "
                 f"got {condition.key!r}."
             )
+
+
+def explain_nobody(where: str | Iterable[str], attributes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a sentence a condition: how many fit it, and which values its attribute has.
+
+    Parameters
+    ----------
+    where : str or iterable of str
+        Conditions that nobody meets all of.
+    attributes : sequence of mapping
+        Of every subject.
+
+    Examples
+    --------
+    >>> explain_nobody("sex=f and age>70", [{"sex": "female", "age": 71}, {"sex": "male", "age": 20}, {"age": 30}])
+    ['0 of 3 people fit sex = f: sex is female, male.', '1 of 3 people fit age > 70: age is 20 to 71.']
+    """
+    sentences = []
+    for condition in parse_where(where):
+        n_fit = sum(condition.fits(mapping) for mapping in attributes)
+        values = [mapping[condition.key] for mapping in attributes if condition.key in mapping]
+        sentences.append(
+            f"{n_fit} of {len(attributes)} people fit {condition.key} {condition.sign} {condition.value}: "
+            f"{condition.key} is {_values_text(values)}."
+        )
+    return sentences
+
+
+def _values_text(values: Sequence[Any]) -> str:
+    """Name the values that occur, the most frequent first; the range where all are numbers."""
+    if not values:
+        return "not known of anybody"
+    numbers = [_number(value) for value in values]
+    known = [number for number in numbers if number is not None]
+    if len(known) == len(values) and len(set(known)) > 1:
+        return f"{min(known):g} to {max(known):g}"
+    counts = Counter(_text(value) for value in values).most_common()
+    more = f" and {len(counts) - _MOST_VALUES} more values" if len(counts) > _MOST_VALUES else ""
+    return ", ".join(value for value, _ in counts[:_MOST_VALUES]) + more
 
 
 def _number(value: Any) -> float | None:
