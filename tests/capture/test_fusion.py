@@ -185,8 +185,13 @@ def test_a_moving_expression_is_told(rng):
     weights = np.linspace(0.0, 1.0, 9)
     shape = face().blendshape_deltas[face().blendshape_names.index("jawOpen")]
     vertices = [face().mean_shape + w * shape for w in weights]
-    fused = fuse(record([0, 2, 4, 6, 8, 6, 4, 2, 0], rng, vertices=vertices), rectangle=BOX, reference=4)
+    frames = record([0, 2, 4, 6, 8, 6, 4, 2, 0], rng, vertices=vertices)
+    lenient = FusionOptions(most_unsteady_mm=np.inf)
+    fused = fuse(frames, rectangle=BOX, reference=4, options=lenient)
     assert any("expression was not held" in warning for warning in fused.report.warnings)
+    assert fused.report.unsteady_mm > FusionOptions().most_unsteady_mm
+    with pytest.raises(DegenerateError, match="must show a held expression, got frames that differ by .* in places"):
+        fuse(frames, rectangle=BOX, reference=4)
 
 
 def test_frames_without_depth_are_lost_and_nothing_else(rng, recording):

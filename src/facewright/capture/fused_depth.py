@@ -23,7 +23,8 @@ class FusionReport:
     lost : tuple of int
         Frames that could not be tracked.
     raw_noise_mm : float
-        Root mean square difference of the raw frames from the fused surface, along the optical axis.
+        Root mean square difference of the raw frames from the fused surface on the inner face (no hair, no outline),
+        along the optical axis.
     drift_mm, drift_degrees : float
         How far the tracked motion is off where it can be checked without truth: the last frames tracked directly
         against the reference frame, against the pose that the chain of frames gave.
@@ -36,6 +37,9 @@ class FusionReport:
         (an expression that was not held, blur).
     warnings : tuple of str
         Sentences for the user, such as that depths looked like metres.
+    unsteady_mm : float
+        97th percentile of the mean differences in small patches of the inner face, where noise averages out: tells
+        parts of it that moved by themselves.
     """
 
     n_frames: int
@@ -48,6 +52,7 @@ class FusionReport:
     turn_degrees: float
     consistency_mm: float
     warnings: tuple[str, ...] = ()
+    unsteady_mm: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the report as plain values for JSON."""

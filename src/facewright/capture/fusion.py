@@ -54,8 +54,9 @@ class FusionOptions:
         A voxel seen by fewer frames is left out where the recording has at least three times as many.
     least_tracked : float
         A recording with a smaller share of its frames tracked is refused.
-    most_consistency_mm : float
-        A recording whose frames differ from the fused surface by more (median) is refused.
+    most_consistency_mm, most_unsteady_mm : float
+        A recording whose frames differ from the fused surface by more is refused: the median of all differences, and
+        `FusionReport.unsteady_mm`, which tells a mouth that opened half-way.
     contradiction_mm : float
         Fused depth that is off the smoothed reference frame by more is left out; infinity keeps all.
     engine : {"numba", "open3d"}
@@ -75,8 +76,9 @@ class FusionOptions:
     truncation_mm: float = 6.0
     tracking_voxel_mm: float = 2.5
     least_frames: int = 2
-    least_tracked: float = 0.34
+    least_tracked: float = 0.6
     most_consistency_mm: float = 4.0
+    most_unsteady_mm: float = 2.5
     contradiction_mm: float = 4.0
     engine: str = "numba"
 
@@ -206,12 +208,16 @@ def _finish(
     depth[top:bottom, left:right] = view.depth
     _drop_contradicted(depth, smoothed(region.keep(picture.depth, k, still), 2.5, 12.0), options.contradiction_mm)
     report = measure_fusion(picture, reference, box, region, frames, model, depth, options.tracking_voxel_mm, warnings)
-    if report.consistency_mm > options.most_consistency_mm:
-        raise DegenerateError(
-            f"recording must show a held expression, got frames that differ by {report.consistency_mm:.1f} mm (median) "
-            f"from the surface fused of them, where at most {options.most_consistency_mm:g} mm are taken: the face "
-            "moved by itself, or the pictures are blurred."
-        )
+    for found, most, how in (
+        (report.consistency_mm, options.most_consistency_mm, "(median)"),
+        (report.unsteady_mm, options.most_unsteady_mm, "in places"),
+    ):
+        if found > most:
+            raise DegenerateError(
+                f"recording must show a held expression, got frames that differ by {found:.1f} mm {how} from the "
+                f"surface fused of them, where at most {most:g} mm are taken: the face moved by itself, or the "
+                "pictures are blurred."
+            )
     return FusedDepth(depth, picture.color, k, reference, box, tuple(model.poses), report)
 
 

@@ -16,7 +16,7 @@ from facewright.capture.tracking import frame_residuals, track_frame
 #: Frames that are compared with the fused surface, and that are tracked directly against the reference frame.
 _N_COMPARED, _N_DIRECT = 4, 3
 #: Held expressions of simulated people (8 and 24 frames) gave patches of up to 1.2 mm.
-_PATCH_MM, _WARN_UNSTEADY_MM = 12.0, 1.6
+_PATCH_MM, _WARN_UNSTEADY_MM = 12.0, 1.5
 _WARN_LOST, _WARN_CONSISTENCY_MM, _WARN_COVERAGE, _WARN_DRIFT_MM = 0.2, 1.8, 0.8, 3.0
 _INNER_DEPTH_MM = 110.0
 _STILL = RigidMotion(np.eye(3), np.zeros(3))
@@ -69,7 +69,7 @@ def measure_fusion(
         return FusionReport(1, 1, (), noise, 0.0, 0.0, coverage, 0.0, consistency, tuple(warnings))
     lost = tuple(i for i, pose in enumerate(model.poses) if pose is None)
     turns = [0.0 if pose is None else rotation_angle(np.eye(3), pose.rotation) for pose in model.poses]
-    noise, consistency, unsteady = _noise(frames, model, region, _inner_face(region, box))
+    noise, consistency, unsteady = _noise(frames, model, _inner_face(region, box))
     drift_mm, drift = _drift(frames, model, region, reference, tracking_voxel_mm)
     _warn(warnings, lost, len(frames), consistency, unsteady, coverage, drift_mm)
     return FusionReport(
@@ -83,6 +83,7 @@ def measure_fusion(
         float(np.rad2deg(max(turns))),
         consistency,
         tuple(warnings),
+        unsteady,
     )
 
 
@@ -98,13 +99,11 @@ def _inner_face(region: HeadRegion, box: Rectangle) -> HeadRegion:
     )
 
 
-def _noise(
-    frames: list[DepthFrame], model: HeadModel, region: HeadRegion, inner: HeadRegion
-) -> tuple[float, float, float]:
-    """Compare raw frames with the fused surface, along the optical axis, mm.
+def _noise(frames: list[DepthFrame], model: HeadModel, inner: HeadRegion) -> tuple[float, float, float]:
+    """Compare raw frames with the fused surface on the inner face, along the optical axis, mm.
 
     Returns the root mean square, the median absolute difference, and the 97th percentile of the mean difference in
-    small patches of the inner face: noise averages out there, so that it tells parts that moved by themselves.
+    small patches: noise averages out there, so that it tells parts that moved by themselves.
     """
     tracked = [i for i, pose in enumerate(model.poses) if pose is not None]
     looks = sorted({tracked[int(k)] for k in np.linspace(0, len(tracked) - 1, _N_COMPARED).round()})
@@ -114,12 +113,10 @@ def _noise(
         assert pose is not None
         # the surface at half the resolution, against every raw pixel
         view = frame.half.view(model.volume, pose)
-        head = frame.on_head(region, pose)
-        residuals = frame_residuals(head, frame.intrinsics, view, pose)
-        off.append(residuals[np.isfinite(residuals)])
         face = frame.on_head(inner, pose)
         residuals = frame_residuals(face, frame.intrinsics, view, pose)
-        patches.append(_patch_means(face, residuals, _PATCH_MM * frame.intrinsics.focal_x / region.near_mm))
+        off.append(residuals[np.isfinite(residuals)])
+        patches.append(_patch_means(face, residuals, _PATCH_MM * frame.intrinsics.focal_x / inner.near_mm))
     values = np.concatenate(off)
     if not values.size:
         return 0.0, 0.0, 0.0

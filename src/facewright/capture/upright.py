@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import RigidMotion
+from facewright.capture.camera_file import read_camera_file
 from facewright.capture.frame import RGBDFrame
 from facewright.capture.quarter_turns import turn_intrinsics, turn_picture
 from facewright.capture.recording import Recording
@@ -20,9 +21,36 @@ from facewright.landmarks.lift import lift_landmarks
 
 #: A found face is one if its points are this near to those of the mean face (median), mm.
 MAX_OFF_MM = 9.0
+#: Kinds of recordings in which a head may lie on its side: phones are held upright, their sensors are not.
+_TURNED_KINDS = ("truedepth", "record3d")
 _MIN_POINTS = 12
 _MAX_TILT = np.cos(np.deg2rad(45.0))
 _ROUNDS, _SCALE_MM = 10, 8.0
+
+
+def turns_of_a_phone(recording: Recording, detector: LandmarkDetector) -> int:
+    """Return by how many more counter-clockwise quarter turns a phone's recording is upright.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of any kind; those of other cameras are left as they are, and so are those whose camera file says how to turn.
+    detector : LandmarkDetector
+        Finds faces.
+
+    Returns
+    -------
+    int
+        0 to 3; 0 also where no face is found any way round.
+
+    Raises
+    ------
+    FileFormatError, StoreError
+        If frames or camera file are damaged.
+    """
+    if recording.kind not in _TURNED_KINDS or read_camera_file(recording.path).quarter_turns is not None:
+        return 0
+    return find_quarter_turns(recording, detector) or 0
 
 
 def find_quarter_turns(recording: Recording, detector: LandmarkDetector) -> int | None:
