@@ -190,7 +190,7 @@ def test_a_moving_expression_is_told(rng):
     fused = fuse(frames, rectangle=BOX, reference=4, options=lenient)
     assert any("expression was not held" in warning for warning in fused.report.warnings)
     assert fused.report.unsteady_mm > FusionOptions().most_unsteady_mm
-    with pytest.raises(DegenerateError, match="must show a held expression, got frames that differ by .* in places"):
+    with pytest.raises(DegenerateError, match=r"must show a held expression, got frames that differ by .* in places"):
         fuse(frames, rectangle=BOX, reference=4)
 
 
