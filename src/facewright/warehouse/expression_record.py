@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,12 +23,11 @@ if TYPE_CHECKING:
     from facewright.capture.recording import Recording
     from facewright.landmarks.detector import LandmarkDetector
 
+Progress = Callable[[str, int, int], None]
 
 #: Recordings up to this size are kept in memory while they are fused.
 _MOST_BYTES = 256 * 2**20
 _BYTES_PER_PIXEL = 7
-#: Kinds of recordings in which a head may lie on its side: phones are held upright, their sensors are not.
-_TURNED_KINDS = ("truedepth", "record3d")
 
 
 @dataclass(eq=False)
@@ -97,6 +96,7 @@ def read_record(
     clock: StageClock,
     loaded: Future[LoadedRecording],
     engine: str = "numba",
+    progress: Progress | None = None,
 ) -> ExpressionRecord:
     """Fuse and mark one recording.
 
@@ -116,6 +116,8 @@ def read_record(
         The recording, which is read by another thread.
     engine : str
         Of the fusion, see `FusionOptions`.
+    progress : callable, optional
+        Called by the fusion as progress(stage, done, total).
 
     Raises
     ------
@@ -126,6 +128,7 @@ def read_record(
     """
     from facewright.capture.face_rectangle import rectangle_from_landmarks
     from facewright.capture.fusion import FusionOptions, fuse
+    from facewright.capture.upright import turns_of_a_phone
 
     sidecar = _sidecar(path)
     with clock.time("read"):
@@ -135,9 +138,10 @@ def read_record(
     rectangle = None
     if sidecar is not None and _is_complete(sidecar):
         rectangle = rectangle_from_landmarks(sidecar[1], recording.size)
-    if sidecar is None and detector is not None and recording.kind in _TURNED_KINDS:
+    if sidecar is None and detector is not None and not source.turn_given:
         with clock.time("landmark"):
-            source = _upright(source, path, detector)
+            turns = turns_of_a_phone(recording, detector)
+            source = LoadedRecording(path, turns) if turns else source
         recording = source.recording
     with clock.time("fuse"):
         fused = fuse(
@@ -146,6 +150,7 @@ def read_record(
             reference=reference,
             detector=detector,
             options=FusionOptions(engine=engine),
+            progress=progress,
         )
     with clock.time("landmark"):
         landmarks, found_by = _landmarks(fused, sidecar, detector, path)
@@ -171,7 +176,7 @@ class LoadedRecording:
     path : Path
         The recording.
     quarter_turns : int, optional
-        Turn its frames so; by default as its camera file says, or not.
+        Turn its frames so; by default as its camera file says, or not. `read_record` then asks no detector.
 
     Raises
     ------
@@ -183,6 +188,7 @@ class LoadedRecording:
         from facewright.capture.recording import open_recording
 
         self.recording: Recording = open_recording(path, quarter_turns=quarter_turns)
+        self.turn_given = quarter_turns is not None
         self.n_frames = self.recording.n_frames
         pixels = self.recording.size[0] * self.recording.size[1] * self.n_frames
         self._kept = list(self.recording.frames()) if pixels * _BYTES_PER_PIXEL <= _MOST_BYTES else None
@@ -194,17 +200,6 @@ class LoadedRecording:
     def frames(self) -> Iterator[RGBDFrame]:
         """Yield all frames in order."""
         return self.recording.frames() if self._kept is None else iter(self._kept)
-
-
-def _upright(source: LoadedRecording, path: Path, detector: LandmarkDetector) -> LoadedRecording:
-    """Turn a phone's recording until heads are upright, unless its camera file says how to turn it."""
-    from facewright.capture.camera_file import read_camera_file
-    from facewright.capture.upright import find_quarter_turns
-
-    if read_camera_file(path).quarter_turns is not None:
-        return source
-    turns = find_quarter_turns(source.recording, detector)
-    return LoadedRecording(path, turns) if turns else source
 
 
 def _sidecar(path: Path) -> tuple[int, Landmarks] | None:
