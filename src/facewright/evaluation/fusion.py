@@ -63,7 +63,8 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         ``fps``: frames per second, median over recordings, without reading and detecting; ``drift_mm``,
         ``drift_deg``: largest error over the frames of where the face's middle is and how the head is turned, against
         the reference frame, mean over recordings; ``raw_noise_mm``, ``fused_noise_mm``: root mean square error of the
-        reference frame's depth and of the fused depth, both on the same pixels, over all recordings;
+        reference frame's depth and of the fused depth, both on the same pixels, over all recordings; ``fused_to_raw``:
+        their ratio;
         ``raw_noise_mean_mm``, ``fused_noise_mean_mm``: the same as mean absolute error; ``fused_bias_mm``: mean of
         the fused error, positive behind the truth; ``single_frame_noise_mm``: root mean square error of the reference
         frame smoothed by itself (what fusion must beat); ``coverage``: share of those pixels, raw depth or none, that
@@ -104,7 +105,9 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
                 beside.append({"open3d_fps": len(frames) / seconds} | compare_open3d(fused, other, frames, recording))
             if progress is not None:
                 progress("fusion", len(figures), subjects * len(EXPRESSIONS))
-    return _summary(figures) | (_summary(beside) if beside else {})
+    own = _summary(figures)
+    own["fused_to_raw"] = own["fused_noise_mm"] / own["raw_noise_mm"]
+    return own | (_summary(beside) if beside else {})
 
 
 def _timed_fuse(frames: list[RGBDFrame], rectangle: Rectangle, engine: str = "numba") -> tuple[FusedDepth, float]:

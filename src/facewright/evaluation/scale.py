@@ -58,7 +58,7 @@ def run(
         `svd_extra_peak_mb_150` and `_1000`: highest resident memory of a fresh process that decomposes the skin of so
         many generated people from a store on disk into 50 x 25 components, above that before it began; the core and
         the projected tensor, which it must hold, are `svd_must_hold_mb` of it. `svd_seconds_150` and `_1000`: time of
-        that. `svd_reference_error` is the largest relative difference of the small database's singular values to
+        that; `svd_growth_mb` is how much more memory the larger one took. `svd_reference_error` is the largest relative difference of the small database's singular values to
         those of a plain SVD of its unfolding.
 
     Raises
@@ -74,6 +74,8 @@ def run(
         metrics = _build_rates(face, seed, subjects, tuple(expressions), frames, Path(folder), progress)
         for people in sorted(svd_people):
             metrics |= measure_database_svd(face.skin(), people, seed, COMPONENTS, Path(folder), progress)
+    least, most = min(svd_people), max(svd_people)
+    metrics["svd_growth_mb"] = metrics[f"svd_extra_peak_mb_{most}"] - metrics[f"svd_extra_peak_mb_{least}"]
     metrics["svd_reference_error"] = svd_reference_error(face.skin(), seed)
     return metrics
 

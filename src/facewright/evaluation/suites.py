@@ -20,11 +20,12 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
     "rigging": {"seconds": ("<=", 6.0), "improvement": (">=", 0.30), "left_right_swaps": ("<=", 0.0)},
     "bilinear": {"ratio_to_limit": ("<=", 1.5), "extra_peak_mb": ("<=", 700.0), "fit_rms_mm": ("<=", 1.0)},
     "photo": {"surface_mm": ("<", "mean_face_mm"), "fit_ms": ("<=", 20.0), "astronaut_iod": ("<=", 0.03)},
-    "fusion": {"fused_noise_mm": ("<", "raw_noise_mm")},
+    "fusion": {"fused_to_raw": ("<=", 0.5)},
     "scan": {
         "neutral_stage2_to_depth_rms_mm": ("<=", 0.39),
         "neutral_surface_rms_mm": ("<=", 0.8),
         "expressions_surface_rms_mm": ("<=", 1.0),
+        "mouth_stretch_surface_rms_mm": ("<", "without_landmarks_mouth_stretch_surface_rms_mm"),
     },
     "registration": {
         "surface_rms_mm": ("<", "nricp_surface_rms_mm"),
@@ -32,6 +33,7 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
         "seconds": ("<", "nricp_seconds"),
     },
     "subject": {"seconds": ("<=", 60.0), "unseen_rms_mm": ("<", "generic_rms_mm")},
+    "scale": {"svd_growth_mb": ("<=", 50.0)},
 }
 
 
