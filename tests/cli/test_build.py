@@ -110,6 +110,15 @@ def test_a_terminal_sees_notes_too(monkeypatch):
     assert "first" in text and "noted-1: smile is left out: dark." in text and "noted-1: neutral: one frame." in text
 
 
+def test_a_log_tells_now_and_then_where_a_subject_is(capsys):
+    from facewright.cli.build import _at_times
+
+    often, seldom = _at_times(0.0), _at_times(1000.0)
+    often("smile", 3, 20)
+    seldom("grin", 4, 20)
+    assert capsys.readouterr().err == "  smile, 3 of 20\n"
+
+
 class _Terminal(io.StringIO):
     def isatty(self):
         return True

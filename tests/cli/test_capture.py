@@ -26,7 +26,9 @@ def test_show(invoke, captures, tmp_path):
     assert facts["frames"] == 3 and facts["width"] == 30 and (tmp_path / "a.png").is_file()
     text = invoke("capture", "show", recording).stdout
     assert "40 x 30" in text and "600 mm" in text and "Wrote" not in text
-    assert invoke("capture", "show", recording, "--turn", 2, "--save-turn").exit_code == 0
+    saved = invoke("capture", "show", recording, "--turn", 2, "--save-turn")
+    assert saved.exit_code == 0 and f"Noted 2 quarter turns in {recording / 'camera.json'}" in saved.stdout
+    assert facts["turn_noted_in"] is None
     assert json.loads((recording / "camera.json").read_text())["quarter_turns"] == 2
 
 

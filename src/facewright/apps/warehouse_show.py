@@ -74,7 +74,7 @@ def show_warehouse(request: ShowWarehouseRequest, progress: Progress | None = No
     if request.out is not None:
         from facewright.io.image import write_image
 
-        subject = warehouse.read_subject(request.subject, fields=("blendshapes", "color"))
+        subject = warehouse.read_subject(request.subject, fields=("blendshapes", "color", "landmarks"))
         write_image(request.out, draw_subject(warehouse, subject, request.size, request.yaw_degrees, progress))
     return {
         "name": entry.name,
@@ -134,10 +134,15 @@ def draw_subject(
     total = len(subject.expressions) + len(shapes)
     columns = min(10, max(len(subject.expressions), len(shapes)))
     if subject.color is not None:
-        tiles += [_thumbnail(picture, size) for picture in subject.color]
+        points = [None] * len(subject.color) if subject.landmarks is None else subject.landmarks
+        tiles += [photo_tile(picture, marks, size) for picture, marks in zip(subject.color, points)]
         captions += [f"{name}, picture" for name in subject.expressions]
         _fill_row(tiles, captions, size, columns)
-    for name, vertices in zip((*subject.expressions, *warehouse.blendshape_names), (*subject.meshes, *shapes)):
+    names = list(warehouse.blendshape_names)
+    if shapes and {"jawOpen", "mouthClose"} <= set(names):  # alone it pulls closed lips into the face
+        i, j = names.index("mouthClose"), names.index("jawOpen")
+        names[i], shapes[i] = "jawOpen + mouthClose", shapes[i] + shapes[j] - shapes[0]
+    for name, vertices in zip((*subject.expressions, *names), (*subject.meshes, *shapes)):
         if len(captions) and name == "neutral":
             _fill_row(tiles, captions, size, columns)
         tiles.append(paint(vertices))
@@ -192,6 +197,54 @@ def _fill_row(tiles: list[NDArray[np.uint8]], captions: list[str], size: tuple[i
     missing = -len(tiles) % columns
     tiles += [np.full((*size, 3), 255, dtype=np.uint8)] * missing
     captions += [""] * missing
+
+
+def photo_tile(
+    picture: NDArray[np.uint8], landmarks: NDArray[np.floating[Any]] | None, size: tuple[int, int]
+) -> NDArray[np.uint8]:
+    """Cut the head out of a picture, upright; the whole picture where it has no landmarks.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (H, W, 3), uint8
+        Black rows below and columns on the right, which fill pictures of unlike sizes, do not count.
+    landmarks : ndarray of shape (74, 2), pixels, or None
+        NaN where missing. The head is turned by quarter turns until the chin is below the eyes.
+    size : (height, width)
+        Pixels of the result.
+    """
+    from facewright.capture.quarter_turns import turn_picture, turn_points
+    from facewright.imaging.overlay import crop_around
+
+    inside = picture.any(axis=2)
+    height, width = (np.flatnonzero(inside.any(axis=axis)).max(initial=0) + 1 for axis in (1, 0))
+    picture = picture[:height, :width]
+    if landmarks is None:
+        return _thumbnail(picture, size)
+    turns = _turns_to_upright(landmarks)
+    points = turn_points(landmarks, (height, width), turns)
+    seen = (points >= 0).all(axis=1) & (points < turn_picture(picture, turns).shape[1::-1]).all(axis=1)
+    if np.count_nonzero(seen) < 3:
+        return _thumbnail(picture, size)
+    crop, _, _ = crop_around(turn_picture(picture, turns), points[seen], margin=0.3, height=max(size))
+    top, left = (crop.shape[0] - size[0]) // 2, (crop.shape[1] - size[1]) // 2
+    return np.ascontiguousarray(crop[top : top + size[0], left : left + size[1]])
+
+
+def _turns_to_upright(landmarks: NDArray[np.floating[Any]]) -> int:
+    """Return the counter-clockwise quarter turns after which the mouth lies below the eyes; 0 where one is missing."""
+    from facewright.landmarks.scheme import load_scheme
+
+    groups = load_scheme("fw74").groups
+    eyes, mouth = (
+        landmarks[np.concatenate([groups[name] for name in names])]
+        for names in (("left_eye", "right_eye"), ("outer_mouth", "inner_mouth"))
+    )
+    if not (np.isfinite(eyes).any(axis=0).all() and np.isfinite(mouth).any(axis=0).all()):
+        return 0
+    right, down = np.nanmean(mouth, axis=0) - np.nanmean(eyes, axis=0)
+    # a turn takes (right, down) to (down, -right)
+    return int(np.argmax([down, -right, -down, right]))
 
 
 def _thumbnail(picture: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:

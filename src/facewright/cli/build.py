@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -135,10 +136,23 @@ def _following(as_json: bool) -> Iterator[_Following]:
     if as_json:
         yield None, None, lambda text: None
     elif not sys.stderr.isatty():
-        yield None, _say_step, say_aside
+        yield _at_times(), _say_step, say_aside
     else:
         with _bars() as following:
             yield following
+
+
+def _at_times(seconds: float = 30.0) -> Progress:
+    """Say now and then where the subject at work is: one takes minutes."""
+    last = time.monotonic()
+
+    def report(stage: str, done: int, total: int) -> None:
+        nonlocal last
+        if time.monotonic() - last >= seconds:
+            last = time.monotonic()
+            say_aside(f"  {stage}, {done} of {total}")
+
+    return report
 
 
 def _say_step(step: BuildStep) -> None:

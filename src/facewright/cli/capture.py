@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from facewright.cli.capture_fuse import fuse
 from facewright.cli.console import JsonOption, finish, progress_bar, say, table
 from facewright.cli.wording import counted
 
@@ -42,10 +43,13 @@ def show(
       facewright capture show truedepth_frames --turn 3 --out sheet.png
     """
     from facewright.apps.show_capture import ShowCaptureRequest, show_capture
+    from facewright.capture.camera_file import camera_path
 
     request = ShowCaptureRequest(recording, out, frames, turn, save)
     with progress_bar(as_json) as progress:
         facts = show_capture(request, progress)
+    noted = camera_path(recording) if save else None
+    facts["turn_noted_in"] = noted
 
     def lines() -> None:
         camera = f"{facts['focal_x']:.2f}, {facts['focal_y']:.2f}; {facts['centre_x']:.2f}, {facts['centre_y']:.2f}"
@@ -61,6 +65,8 @@ def show(
         table(f"Recording {recording}", ["", "value"], rows)
         for sentence in facts["warnings"]:
             say(f"Note: {sentence}")
+        if noted is not None:
+            say(f"Noted {counted(facts['quarter_turns'], 'quarter turn')} in {noted}: every command turns it now.")
         if out is not None:
             say(f"Wrote {out}.")
 
@@ -113,3 +119,6 @@ def landmarks(
         say(f"Wrote {counted(len(result.written), 'landmark file')}{kept}; {len(result.failed)} failed.")
 
     finish(payload, as_json, lines)
+
+
+app.command("fuse")(fuse)
