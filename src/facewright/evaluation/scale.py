@@ -58,8 +58,8 @@ def run(
         `svd_extra_peak_mb_150` and `_1000`: highest resident memory of a fresh process that decomposes the skin of so
         many generated people from a store on disk into 50 x 25 components, above that before it began; the core and
         the projected tensor, which it must hold, are `svd_must_hold_mb` of it. `svd_seconds_150` and `_1000`: time of
-        that; `svd_growth_mb` is how much more memory the larger one took. `svd_reference_error` is the largest relative difference of the small database's singular values to
-        those of a plain SVD of its unfolding.
+        that; `svd_growth_mb` is how much more memory the larger one took. `svd_reference_error` is the largest
+        relative difference of the small database's singular values to those of a plain SVD of its unfolding.
 
     Raises
     ------
