@@ -1,7 +1,7 @@
 """What is told of a subject that was built."""
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from facewright.warehouse.subject_notes import fold_sentences, subject_notes
@@ -58,6 +58,7 @@ def test_numbers_in_names_and_paths_are_left_alone():
     assert fold_sentences(told) == [(["a"], told[0][1]), (["b"], told[1][1])]
 
 
+@example([("a", "#"), ("b", "1")])
 @given(st.lists(st.tuples(st.sampled_from("abc"), st.text("ab 12.#-/", max_size=12)), max_size=8))
 def test_nothing_is_lost_and_single_sentences_stay_as_they_are(told):
     folded = fold_sentences(told)

@@ -71,9 +71,9 @@ def fold_sentences(told: Iterable[tuple[str, str]]) -> list[tuple[list[str], str
     >>> fold_sentences([("a", "Lost 2 of 9."), ("b", "Lost 5 of 9."), ("c", "Dark.")])
     [(['a', 'b'], 'Lost 2 to 5 of 9.'), (['c'], 'Dark.')]
     """
-    groups: dict[str, list[tuple[str, str]]] = {}
+    groups: dict[tuple[str, ...], list[tuple[str, str]]] = {}
     for about, sentence in told:
-        groups.setdefault(_NUMBER.sub("#", sentence), []).append((about, sentence))
+        groups.setdefault(tuple(_NUMBER.split(sentence)), []).append((about, sentence))
     return [
         ([about for about, _ in group], _with_ranges([sentence for _, sentence in group])) for group in groups.values()
     ]
