@@ -167,6 +167,11 @@ def test_mistakes_end_in_one_sentence(refused, invoke, captures, tmp_path):
     foreign.mkdir()
     (foreign / "letter.txt").write_text("dear")
     assert "letter.txt" in refused("build", captures, "-o", foreign)
+    model = tmp_path / "faces.fwbm"
+    model.write_bytes(b"model")
+    told = refused("build", captures, "-o", model)
+    assert told == f"facewright: {model} must be a database or a place for a new one, got a file."
+    assert model.read_bytes() == b"model"
     assert invoke("build", captures, "--workers", -1).exit_code == 2
     assert not out.exists() or contents(out) == {}
 

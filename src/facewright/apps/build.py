@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from facewright.errors import ValueRangeError
+from facewright.errors import StoreError, ValueRangeError
 
 if TYPE_CHECKING:
     from facewright.capture.captures import SubjectCapture
@@ -131,6 +131,8 @@ def build(
     from facewright.warehouse.store import Warehouse
 
     captures = _wanted(list_captures(request.captures.resolve()), request)
+    if Path(request.out).is_file():
+        raise StoreError(f"{request.out} must be a database or a place for a new one, got a file.")
     warehouse = Warehouse.create(request.out, load_face(request.options.face), exist_ok=True)
     skip = set(warehouse.failures()) if request.skip_failed else set()
     there = skip.union(warehouse.subject_names())
