@@ -23,7 +23,7 @@ VERBS = [
     ["fit-scan"],
     *(["simulate", verb] for verb in ("captures", "people")),
     ["export"],
-    *(["capture", verb] for verb in ("show", "landmarks")),
+    *(["capture", verb] for verb in ("show", "landmarks", "fuse")),
     *(["warehouse", verb] for verb in ("ls", "show", "check", "label", "rm", "export", "import")),
     ["evaluate"],
     ["info"],
