@@ -4,7 +4,7 @@ from types import SimpleNamespace
 import numpy as np
 
 import facewright
-from facewright.warehouse.provenance import package_versions, plain
+from facewright.warehouse.provenance import package_versions, plain, without_folder
 
 
 def test_values_become_plain_and_stay_what_they_were():
@@ -28,3 +28,13 @@ def test_a_package_that_is_not_installed_is_left_out(monkeypatch):
     monkeypatch.setattr(provenance, "_PACKAGES", ("numpy", "no-such-package-of-ours"))
     assert set(package_versions()) == {"facewright", "numpy"}
     assert SimpleNamespace(**package_versions()).numpy
+
+
+def test_no_text_names_the_folder_of_the_captures(tmp_path):
+    folder = tmp_path / "anna"
+    told = {
+        "failed": {"smile": {"reason": f"{folder / 'smile' / 'depth.txt'} is damaged; see {folder}."}},
+        "n": [1, "x"],
+    }
+    found = without_folder(told, folder)
+    assert found == {"failed": {"smile": {"reason": "smile/depth.txt is damaged; see anna."}}, "n": [1, "x"]}

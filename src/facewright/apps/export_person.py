@@ -1,4 +1,4 @@
-"""Export a person chosen by the user: generic, simulated, from a model, or from a fitted photo."""
+"""Export a person chosen by the user: generic, simulated, from a model, a fitted photo, or a database."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from facewright.apps.export import ExportRequest, ExportResult, demo_clip, export_rig
 from facewright.apps.paint_person import face_of_model, person_colors
-from facewright.errors import FileFormatError, TopologyError, ValueRangeError
+from facewright.errors import FileFormatError, MissingFaceError, TopologyError, ValueRangeError
 
 if TYPE_CHECKING:
     from facewright.faces.face import Face
@@ -35,8 +35,10 @@ class ExportPersonRequest:
         ``.glb``, ``.gltf``, or a folder.
     model : Path, optional
         Model file; with `person` (training person) or `fit` (JSON of a fitted photo), else its mean person.
+    database, subject : str, optional
+        Database and name of a person in it, in place of a model.
     face : str
-        Face to export where no model is given; its generic rig, or the simulated person of `seed`.
+        Face to export where neither is given; its generic rig, or the simulated person of `seed`.
     names : str
         Naming scheme, see `ExportRequest`.
     texture : Path, optional
@@ -54,6 +56,8 @@ class ExportPersonRequest:
     names: str = "facewright"
     texture: Path | None = None
     animate: bool = False
+    database: str | None = None
+    subject: str | None = None
 
     def __post_init__(self) -> None:
         if self.model is None and (self.person is not None or self.fit is not None):
@@ -62,6 +66,11 @@ class ExportPersonRequest:
             raise ValueRangeError("person must be left out where fit is given, got both.")
         if self.model is not None and self.seed is not None:
             raise ValueRangeError("seed must be left out where a model is given, got both.")
+        if (self.database is None) != (self.subject is None):
+            given, lacking = ("database", "subject") if self.subject is None else ("subject", "database")
+            raise ValueRangeError(f"{lacking} must be given with {given}, got none.")
+        if self.database is not None and (self.model is not None or self.seed is not None):
+            raise ValueRangeError("model and seed must be left out where a database is given, got both.")
 
 
 def export_person(request: ExportPersonRequest, progress: Progress | None = None) -> ExportResult:
@@ -70,11 +79,14 @@ def export_person(request: ExportPersonRequest, progress: Progress | None = None
     Raises
     ------
     ValueRangeError
-        If the model has no such training person.
+        If the model has no such training person, or the database's person has no blendshapes.
+    StoreError
+        If there is no such database or person.
     FileFormatError, TopologyError
         If the fit's JSON is not one, or was made with another model.
     """
-    rig, topology, face, licence = _from_face(request) if request.model is None else _from_model(request)
+    source = _from_database if request.database is not None else _from_face if request.model is None else _from_model
+    rig, topology, face, licence = source(request)
     texture = None
     if request.texture is not None:
         from facewright.io.image import read_image
@@ -107,6 +119,25 @@ def _from_face(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, F
         person = simulate_person(face, np.random.default_rng(request.seed))
         rig = BlendshapeRig(person.neutral, face.blendshape_names, person.deltas)
     return rig, face.topology, face, face.licence
+
+
+def _from_database(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, Face | None, str]:
+    from facewright.faces import load_face
+    from facewright.models.blendshapes import BlendshapeRig
+    from facewright.warehouse.store import Warehouse
+
+    assert request.database is not None and request.subject is not None
+    warehouse = Warehouse.open(request.database)
+    shapes = warehouse.read_subject(request.subject, ["blendshapes"]).blendshapes
+    if shapes is None:
+        raise ValueRangeError(f"subject must have blendshapes to be a rig, got {request.subject!r} without.")
+    try:
+        known = load_face(warehouse.face_name)
+    except MissingFaceError:
+        known = None
+    face = known if known is not None and known.topology.fingerprint == warehouse.topology.fingerprint else None
+    rig = BlendshapeRig(shapes[0], warehouse.blendshape_names[1:], shapes[1:] - shapes[0])
+    return rig, warehouse.topology, face, warehouse.licence
 
 
 def _from_model(request: ExportPersonRequest) -> tuple[BlendshapeRig, Topology, Face | None, str]:

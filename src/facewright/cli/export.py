@@ -19,6 +19,10 @@ def export(
     fit: Annotated[
         Path | None, typer.Option("--fit", help="Parameters of a fitted photo (JSON), with its model.")
     ] = None,
+    database: Annotated[
+        str | None, typer.Option("--database", help="A database of people; exports the person of --subject.")
+    ] = None,
+    subject: Annotated[str | None, typer.Option(help="A person of the database.")] = None,
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
     seed: Annotated[
         int | None, typer.Option(help="Simulated person of that face; else its generic rig.", min=0)
@@ -36,6 +40,7 @@ def export(
     Examples:
       facewright export face.glb --animate
       facewright export me.glb --model face.fwbm --fit photo/fit.json --texture photo/texture.png
+      facewright export anna.glb --database faces.zarr --subject anna --names arkit52
       facewright export shapes/ --faces ict --seed 3 --names arkit52
     """
     from facewright.apps.export_person import ExportPersonRequest, export_person
@@ -50,6 +55,8 @@ def export(
         names=names,
         texture=texture,
         animate=animate,
+        database=database,
+        subject=subject,
     )
     with progress_bar(as_json) as progress:
         result = export_person(request, progress)

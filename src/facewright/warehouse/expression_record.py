@@ -162,7 +162,7 @@ def read_record(
         "rectangle": [int(v) for v in fused.rectangle],
         "landmarks": found_by,
         "landmarks_found": int(landmarks.present.sum()),
-        "fusion": fused.report.to_dict(),
+        "fusion": {key: value for key, value in fused.report.to_dict().items() if key != "warnings"},
         "warnings": [*recording.warnings, *(w for w in fused.report.warnings if w not in recording.warnings)],
     }
     return ExpressionRecord(name, fused, landmarks, facts)

@@ -35,7 +35,7 @@ from facewright.warehouse.expression_record import (
 )
 from facewright.warehouse.head_frame import HeadFrame
 from facewright.warehouse.personal_rig import PersonalRig, fit_personal_rig
-from facewright.warehouse.provenance import package_versions, plain
+from facewright.warehouse.provenance import package_versions, plain, without_folder
 from facewright.warehouse.subject import Subject
 
 if TYPE_CHECKING:
@@ -171,8 +171,9 @@ def _process(capture: SubjectCapture, options: ProcessOptions, progress: Progres
         run.fit_all(detector)
     if len(run.fits) - 1 < options.least_expressions:
         raise DegenerateError(
-            f"subject {capture.name!r} must have at least {options.least_expressions} usable expressions besides the "
-            f"neutral, got {len(run.fits) - 1}" + run.why_not() + "."
+            f"subject {capture.name!r} must have at least {options.least_expressions} usable "
+            f"{'expression' if options.least_expressions == 1 else 'expressions'} besides the neutral, got "
+            f"{len(run.fits) - 1}" + run.why_not() + "."
         )
     with run.clock.time("rig"):
         rig, motions = run.rig()
@@ -299,7 +300,7 @@ class _Run:
                 "head_shift_mm": float(np.linalg.norm(motions[i].translation)),
                 "rig_residual_mm": rig.residuals_mm[i],
             }
-        return plain(
+        facts = plain(
             {
                 "source": "captures",
                 "versions": package_versions(),
@@ -311,6 +312,8 @@ class _Run:
                 "rig": {"method": "example-based rigging, acted weights estimated", "amplitudes": rig.amplitudes},
             }
         )
+        named: dict[str, Any] = without_folder(facts, self.capture.path)
+        return named
 
 
 @lru_cache(maxsize=2)

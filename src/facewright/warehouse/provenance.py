@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,4 +49,21 @@ def plain(value: Any) -> Any:
         return int(value)
     if isinstance(value, float | np.floating):
         return float(f"{value:.6g}") if np.isfinite(value) else None
+    return value
+
+
+def without_folder(value: Any, folder: Path) -> Any:
+    """Return a value in which no text names `folder`: moved captures make equal subjects.
+
+    Examples
+    --------
+    >>> without_folder({"reason": "frame 3 of /data/anna/smile is damaged."}, Path("/data/anna"))
+    {'reason': 'frame 3 of smile is damaged.'}
+    """
+    if isinstance(value, dict):
+        return {key: without_folder(item, folder) for key, item in value.items()}
+    if isinstance(value, list):
+        return [without_folder(item, folder) for item in value]
+    if isinstance(value, str):
+        return value.replace(f"{folder}{os.sep}", "").replace(str(folder), folder.name)
     return value
