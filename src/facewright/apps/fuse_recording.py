@@ -249,8 +249,10 @@ def _fuse_by_depth(
     from facewright.capture.fusion import FusionOptions, fuse
 
     fused = fuse(loaded, options=FusionOptions(engine=request.engine), progress=progress)
-    told = f"The face was found by the depth alone: {why}; heads on their side are not turned upright."
     recording = loaded.recording
+    told = f"The face was found by the depth alone: {why}" + (
+        "." if loaded.turn_given else "; if heads lie on their side, give the turn."
+    )
     facts = {
         "kind": recording.kind,
         "quarter_turns": recording.quarter_turns,
