@@ -186,9 +186,11 @@ def test_landmarks_that_are_all_missing_are_none(recording, tmp_path):
 
 def test_model_space_is_upright(fitted, marked, builtin_face, tmp_path, monkeypatch):
     from facewright.apps import fuse_recording as module
+    from facewright.apps import scan_pictures
 
     result, _, _ = fitted
     monkeypatch.setattr(module, "_fit", lambda *args: (result.fit, result.vertices))
+    monkeypatch.setattr(scan_pictures, "fit_pictures", lambda *args, **options: [result.fused.color] * 7)
     fuse_recording(FuseRecordingRequest(marked, tmp_path / "o", mesh=True, frame="model"))
     mesh = read_obj(tmp_path / "o" / "face.obj")
     assert np.abs(mesh.vertices - result.vertices).max() < 1e-3
