@@ -23,6 +23,8 @@ _BEFORE_FACE_MM = 40.0
 _NECK_DEPTH_MM = 60.0
 #: Where the chin is in a face rectangle, as a share of its height, if no landmarks tell.
 _CHIN = 0.86
+#: What a face must at least cover, square millimetres.
+_LEAST_AREA_MM2 = 5_000.0
 #: Pixels with depth that a face rectangle must hold.
 _LEAST_PIXELS = 400
 #: A pixel off its neighbour by more lies at an edge of depth.
@@ -158,7 +160,7 @@ def rectangle_from_landmarks(landmarks: Landmarks, size: tuple[int, int]) -> Rec
 
 
 def rectangle_from_depth(depth: NDArray[np.float32], intrinsics: Intrinsics, frame: int) -> Rectangle:
-    """Guess the face rectangle where no detector tells it: the nearest thing of a head's size.
+    """Guess the face rectangle where no detector tells it: the uppermost near thing of a face's size.
 
     Parameters
     ----------
@@ -177,29 +179,35 @@ def rectangle_from_depth(depth: NDArray[np.float32], intrinsics: Intrinsics, fra
     from scipy.ndimage import find_objects, label
 
     step = 2
-    small = depth[::step, ::step]
-    nearest = _nearest_surface(small, intrinsics.focal_x / step)
+    small = depth[::step, ::step].astype(np.float64)
+    focal = intrinsics.focal_x / step
+    nearest = _nearest_surface(small, focal)
+    message = f"frame {frame} must have depth of a head, got {np.count_nonzero(depth)} pixels with depth."
     if nearest is None:
-        raise NoFaceError(f"frame {frame} must have depth of a head, got {np.count_nonzero(depth)} pixels with depth.")
+        raise NoFaceError(message)
     near = (small > 0) & (small < nearest + 0.6 * HEAD_DEPTH_MM)
     parts, _ = label(near)
-    sizes = np.bincount(parts.ravel())
-    sizes[0] = 0
-    rows, columns = find_objects((parts == sizes.argmax()).astype(np.int32))[0]
+    areas = np.bincount(parts.ravel(), weights=np.where(near, (small / focal) ** 2, 0.0).ravel())
+    areas[0] = 0.0
+    large = np.flatnonzero(areas >= _LEAST_AREA_MM2)
+    if not large.size:
+        raise NoFaceError(message)
+    # the uppermost: the chest may be nearer and larger; parts are numbered by the row of their first pixel
+    rows, columns = find_objects((parts == large[0]).astype(np.int32))[0]
     scale = intrinsics.focal_x / (nearest + 40.0)
     left, right = _around(columns.start * step, columns.stop * step, _HEAD_SIZE_MM[0] * scale)
     top, bottom = _around(rows.start * step, rows.stop * step, _HEAD_SIZE_MM[1] * scale, from_start=True)
     return check_rectangle((left, top, right, bottom), (depth.shape[0], depth.shape[1]))
 
 
-def _nearest_surface(depth: NDArray[np.float32], focal: float) -> float | None:
+def _nearest_surface(depth: NDArray[np.floating], focal: float) -> float | None:
     """Return the depth at which the nearest thing of a face's area begins, or None."""
     values = np.sort(depth[depth > 0].astype(np.float64))
     if not values.size:
         return None
     # square millimetres that each pixel covers, summed from the nearest on: a face has some 100 square centimetres
     area = np.cumsum((values / focal) ** 2)
-    if area[-1] < 5_000.0:
+    if area[-1] < _LEAST_AREA_MM2:
         return None
     return float(values[np.searchsorted(area, 1_000.0)])
 
