@@ -20,7 +20,8 @@ INTRODUCTION = """\
 Made by `tools/make_cli_docs.py` from the commands themselves; do not edit.
 
 Results go to stdout, progress and errors to stderr. `--json` prints one JSON object on stdout and nothing else there.
-Exit codes: 0 done; 3 done but for what could not be (subjects of a build, listed with their reasons); 2 your input (one sentence says what was expected and what was found; with `--json` also
+Exit codes: 0 done; 3 done but for what could not be (subjects of a build, listed with their reasons); 2 your input
+(one sentence says what was expected and what was found; with `--json` also
 `{"error": {"type", "message"}, "exit_code"}`); 130 interrupted by Ctrl-C; 1 a mistake in facewright itself
 (`FACEWRIGHT_DEBUG=1` shows its traceback). Files appear whole or not at all.
 """
