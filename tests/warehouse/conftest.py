@@ -51,6 +51,7 @@ def make_subject():
             fields = {
                 "depth": (rng.uniform(500, 700, (20, 48, 64)) * (rng.random((20, 48, 64)) < 0.5)).astype(np.float32),
                 "color": rng.integers(0, 255, (20, 48, 64, 3), dtype=np.uint8),
+                "raw_depth": rng.uniform(500, 700, (20, 48, 64)).astype(np.float32),
                 "intrinsics": np.tile([575.8, 575.8, 319.5, 239.5], (20, 1)),
                 "camera_from_model": np.tile(np.eye(4), (20, 1, 1)),
                 "landmarks": landmarks,

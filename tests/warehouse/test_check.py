@@ -26,7 +26,7 @@ def test_a_good_store_has_no_findings(people):
     seen = []
     report = check_warehouse(people, progress=lambda *step: seen.append(step))
     assert report.findings == () and report.removed == () and report.damaged == ()
-    assert report.n_subjects == 3 and report.n_arrays == 9 + 3 + 3 and report.n_bytes > 100_000
+    assert report.n_subjects == 3 and report.n_arrays == 10 + 3 + 3 and report.n_bytes > 100_000
     assert seen[-1] == ("checking subjects", 3, 3)
 
 

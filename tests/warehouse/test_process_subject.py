@@ -203,3 +203,15 @@ def test_the_number_of_threads_makes_no_difference(captures):
         found.append(subprocess.run(words, env=environment, capture_output=True, text=True, check=True).stdout)
     assert found[0] == found[1]
     assert len(found[0].strip()) == 64
+
+
+def test_the_raw_depth_of_the_reference_frames_is_kept_on_request(captures, tmp_path):
+    from facewright.capture.recording import open_recording
+
+    capture = copied(captures, tmp_path, "neutral", "mouth_stretch")
+    options = ProcessOptions(face="builtin", least_expressions=1, keep_records=False, keep_raw=True)
+    subject = process_subject(capture, options)
+    assert subject.depth is None and subject.color is None
+    for name, raw in zip(subject.expressions, subject.raw_depth):
+        reference = subject.provenance["expressions"][name]["reference_frame"]
+        np.testing.assert_array_equal(raw, open_recording(capture.recordings[name]).frame(reference).depth)

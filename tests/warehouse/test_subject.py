@@ -42,6 +42,7 @@ def test_subjects_refuse_impossible_values(change, message):
         {"expression_weights": np.zeros((2, 47))},
         {"depth": np.zeros((2, 4, 6), np.float32), "color": np.zeros((2, 4, 7, 3), np.uint8)},
         {"landmarks": np.zeros((2, 68, 2))},
+        {"depth": np.zeros((2, 4, 6), np.float32), "raw_depth": np.zeros((2, 4, 7), np.float32)},
         {"camera_from_model": np.zeros((2, 3, 4))},
     ],
 )

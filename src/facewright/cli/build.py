@@ -43,6 +43,7 @@ def build(
     least_expressions: Annotated[
         int, typer.Option(help="Usable expressions beside the neutral that a subject must have.", min=1, max=19)
     ] = 10,
+    raw: Annotated[bool, typer.Option("--raw/--no-raw", help="Also keep the depth as the camera gave it.")] = False,
     fusion: Annotated[str, typer.Option(help="Engine of the fusion: numba, or open3d (extra capture).")] = "numba",
     task_file: Annotated[
         Path | None, typer.Option(help="MediaPipe face_landmarker.task file, for newer MediaPipe releases.")
@@ -70,6 +71,7 @@ def build(
         face=faces,
         least_expressions=least_expressions,
         keep_records=records,
+        keep_raw=raw,
         task_file="" if task_file is None else str(task_file.absolute()),
         fusion=fusion,
     )

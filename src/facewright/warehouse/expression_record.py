@@ -70,12 +70,15 @@ class ExpressionRecord:
         ``fw74`` points of that picture.
     facts : dict
         For the provenance: recording, fusion report, where the landmarks come from.
+    raw_depth : ndarray of shape (H, W), float32, millimetres
+        The reference frame's depth as the camera gave it.
     """
 
     name: str
     fused: FusedDepth
     landmarks: Landmarks
     facts: dict[str, Any]
+    raw_depth: NDArray[np.float32]
 
 
 def needs_detector(recordings: dict[str, Path]) -> bool:
@@ -165,7 +168,7 @@ def read_record(
         "fusion": {key: value for key, value in fused.report.to_dict().items() if key != "warnings"},
         "warnings": [*recording.warnings, *(w for w in fused.report.warnings if w not in recording.warnings)],
     }
-    return ExpressionRecord(name, fused, landmarks, facts)
+    return ExpressionRecord(name, fused, landmarks, facts, source.frame(fused.reference).depth)
 
 
 class LoadedRecording:

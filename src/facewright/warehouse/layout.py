@@ -39,14 +39,21 @@ FIELDS: tuple[str, ...] = (
     "expression_weights",
     "depth",
     "color",
+    "raw_depth",
     "intrinsics",
     "camera_from_model",
     "landmarks",
     "landmarks_3d",
 )
 """Arrays of a `Subject`, by their names there."""
-RAW_FIELDS = ("depth", "color")
-DTYPES: dict[str, str] = {"meshes": "float32", "blendshapes": "float32", "depth": "float32", "color": "uint8"}
+RAW_FIELDS = ("depth", "color", "raw_depth")
+DTYPES: dict[str, str] = {
+    "meshes": "float32",
+    "blendshapes": "float32",
+    "depth": "float32",
+    "color": "uint8",
+    "raw_depth": "float32",
+}
 """What arrays are stored as; all others are float64. Nothing is rounded: what is read equals what was written."""
 
 BLOCK_VERTICES = 128
@@ -95,7 +102,7 @@ def array_chunks(field: str, shape: tuple[int, ...]) -> tuple[int, ...]:
     """Return the chunk in which an array of a subject can be read: one expression, or a block of vertices."""
     if field == "blendshapes":
         return (shape[0], min(BLOCK_VERTICES, shape[1]), shape[2])
-    if field in ("meshes", "depth", "color"):
+    if field == "meshes" or field in RAW_FIELDS:
         return (1, *shape[1:])
     return shape
 

@@ -63,6 +63,8 @@ class ProcessOptions:
         Expressions besides the neutral without which no blendshapes are made and the subject fails.
     keep_records : bool
         Keep fused depth and picture of each expression in the subject.
+    keep_raw : bool
+        Keep the reference frames' depth as the camera gave it, too.
     task_file : str
         A ``face_landmarker.task`` file for MediaPipe releases that need one; empty for none.
     fusion : str
@@ -72,6 +74,7 @@ class ProcessOptions:
     face: str = "builtin"
     least_expressions: int = 10
     keep_records: bool = True
+    keep_raw: bool = False
     task_file: str = ""
     fusion: str = "numba"
 
@@ -283,6 +286,7 @@ class _Run:
             expression_weights=rig.weights,
             depth=padded([record.fused.depth for record in records]) if keep else None,
             color=padded([record.fused.color for record in records]) if keep else None,
+            raw_depth=padded([record.raw_depth for record in records]) if options.keep_raw else None,
             intrinsics=np.array([_camera(record) for record in records]),
             camera_from_model=np.stack([_matrix(pose) for pose in poses]),
             landmarks=np.stack([record.landmarks.points for record in records]),

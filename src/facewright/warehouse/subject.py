@@ -37,6 +37,8 @@ class Subject:
         Fused depth of each reference frame; 0 for none.
     color : ndarray of shape (S, H, W, 3), uint8, or None
         The reference frames' pictures.
+    raw_depth : ndarray of shape (S, H, W), float32, millimetres, or None
+        Depth of the reference frames as the camera gave it; 0 for none.
     intrinsics : ndarray of shape (S, 4), float64, or None
         Focal lengths x, y and principal point x, y of the reference frames.
     camera_from_model : ndarray of shape (S, 4, 4), float64, or None
@@ -59,6 +61,7 @@ class Subject:
     expression_weights: NDArray[np.float64] | None = None
     depth: NDArray[np.float32] | None = None
     color: NDArray[np.uint8] | None = None
+    raw_depth: NDArray[np.float32] | None = None
     intrinsics: NDArray[np.float64] | None = None
     camera_from_model: NDArray[np.float64] | None = None
     landmarks: NDArray[np.float64] | None = None
@@ -87,6 +90,7 @@ class Subject:
             ("expression_weights", (S, 46)),
             ("depth", (S, "H", "W")),
             ("color", (S, "H", "W", 3)),
+            ("raw_depth", (S, "H", "W")),
             ("intrinsics", (S, 4)),
             ("camera_from_model", (S, 4, 4)),
             ("landmarks", (S, N_LANDMARKS, 2)),
