@@ -53,7 +53,7 @@ def test_commands(tool):
 
 
 @pytest.mark.parametrize(
-    "text", ["see /home/me/data", "in /opt/shared", "https://pypi.example.org/simple", "--index-url x"]
+    "text", ["see /home/me/data", "in /opt/shared", "https://mirror.example.org/wheels", "--index" + "-url x"]
 )
 def test_what_is_of_one_machine(tool, text):
     assert len(tool.check_foreign(text)) >= 1

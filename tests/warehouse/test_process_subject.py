@@ -179,9 +179,12 @@ def test_options_are_checked():
 
 
 def test_the_engine_of_the_fusion_is_checked():
-    assert ProcessOptions(fusion="open3d").fusion == "open3d"
-    with pytest.raises(ValueRangeError, match="fusion must be one of numba, open3d"):
+    with pytest.raises(ValueRangeError, match="engine must be one of numba, open3d"):
         ProcessOptions(fusion="kinect")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "open3d", None)
+        with pytest.raises(MissingExtraError, match="needs the open3d package"):
+            ProcessOptions(fusion="open3d")
 
 
 def test_the_number_of_threads_makes_no_difference(captures):

@@ -131,7 +131,6 @@ def fuse_recording(
     """
     from facewright.apps.fused_files import write_fitted, write_fused, write_json
     from facewright.capture.fusion import FusionOptions
-    from facewright.capture.recording import open_recording
     from facewright.faces.load import load_face
     from facewright.io.atomic import write_set_atomically
 
@@ -142,7 +141,7 @@ def fuse_recording(
         found, why_none = _open_detector(request, detector, stack)
         if request.mesh and found is None and not _has_points(request.recording):
             raise _no_landmarks(request, why_none)
-        fused, landmarks, facts = _fuse(request, found, why_none, progress)
+        fused, raw, landmarks, facts = _fuse(request, found, why_none, progress)
         fit = vertices = None
         if face is not None:
             if landmarks is None:
@@ -151,7 +150,6 @@ def fuse_recording(
             facts["mesh"] = _mesh_facts(request, face, fit)
         if progress is not None:
             progress("writing", 0, 1)
-        raw = open_recording(request.recording, quarter_turns=facts["quarter_turns"]).frame(fused.reference)
         names = write_fused(folder, raw, fused, landmarks)
         if face is not None and fit is not None and vertices is not None:
             on_scan = request.frame == "scan"
@@ -207,8 +205,8 @@ def _no_landmarks(request: FuseRecordingRequest, why: str) -> NoFaceError:
 
 def _fuse(
     request: FuseRecordingRequest, detector: LandmarkDetector | None, why_none: str, progress: Progress | None
-) -> tuple[FusedDepth, Landmarks | None, dict[str, Any]]:
-    """Return the fused depth, the landmarks if there are any, and the facts for the report."""
+) -> tuple[FusedDepth, NDArray[np.float32], Landmarks | None, dict[str, Any]]:
+    """Return the fused and the raw depth, the landmarks if there are any, and the facts for the report."""
     from facewright.warehouse.expression_record import LoadedRecording, StageClock, read_record
 
     if progress is not None:
@@ -221,14 +219,14 @@ def _fuse(
         _check_turn_of_points(request)
     if not marked and detector is None:
         fused, facts = _fuse_by_depth(request, loaded, why_none, progress)
-        return fused, None, facts
+        return fused, loaded.frame(fused.reference).depth, None, facts
     source: Future[LoadedRecording] = Future()
     source.set_result(loaded)
     record = read_record(
         request.recording.stem, request.recording, detector, StageClock(), source, request.engine, progress
     )
     landmarks = record.landmarks if record.landmarks.present.any() else None
-    return record.fused, landmarks, _facts(request, record.fused, record.facts, landmarks)
+    return record.fused, record.raw_depth, landmarks, _facts(request, record.fused, record.facts, landmarks)
 
 
 def _check_turn_of_points(request: FuseRecordingRequest) -> None:

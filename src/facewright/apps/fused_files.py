@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from facewright.camera.pinhole import Intrinsics
-    from facewright.capture.frame import RGBDFrame
     from facewright.capture.fused_depth import FusedDepth
     from facewright.faces.face import Face
     from facewright.fitting.scan import ScanFit
@@ -23,15 +22,17 @@ _AROUND = 0.06  # of the face rectangle, drawn on each side
 _CAMERA_FRAME = "the reference frame's camera, millimetres: x right, y down, z ahead"
 
 
-def write_fused(folder: Path, raw: RGBDFrame, fused: FusedDepth, landmarks: Landmarks | None) -> dict[str, str]:
+def write_fused(
+    folder: Path, raw_depth: NDArray[np.floating], fused: FusedDepth, landmarks: Landmarks | None
+) -> dict[str, str]:
     """Write depth, camera, picture, points and sheet.
 
     Parameters
     ----------
     folder : Path
         An existing folder.
-    raw : RGBDFrame
-        The reference frame as it was recorded.
+    raw_depth : ndarray of shape (H, W), millimetres
+        Of the reference frame, as the camera gave it.
     fused : FusedDepth
         Of its recording.
     landmarks : Landmarks, optional
@@ -54,7 +55,7 @@ def write_fused(folder: Path, raw: RGBDFrame, fused: FusedDepth, landmarks: Land
         temporary.write_bytes(encode_depth(counts.astype(np.uint16)))
     write_json(folder / names["camera"], _camera(fused.intrinsics, fused.depth.shape, DEPTH_PER_METRE))
     write_image(folder / names["color"], fused.color)
-    write_image(folder / names["picture"], fusion_sheet(raw, fused, landmarks))
+    write_image(folder / names["picture"], fusion_sheet(raw_depth, fused, landmarks))
     return names | {"points": _write_points(folder / "points.ply", fused)}
 
 
@@ -154,13 +155,13 @@ def write_json(file: Path, values: dict[str, Any]) -> str:
 
 
 def fusion_sheet(
-    raw: RGBDFrame, fused: FusedDepth, landmarks: Landmarks | None, height: int = _PICTURE_HEIGHT
+    raw_depth: NDArray[np.floating], fused: FusedDepth, landmarks: Landmarks | None, height: int = _PICTURE_HEIGHT
 ) -> NDArray[np.uint8]:
     """Draw colour with landmarks, one frame's depth and the fused depth beside each other, (H, W, 3), uint8.
 
     Parameters
     ----------
-    raw : RGBDFrame
+    raw_depth : ndarray of shape (H, W), millimetres
         The reference frame.
     fused : FusedDepth
         Of its recording.
@@ -190,7 +191,7 @@ def fusion_sheet(
     color = np.asarray(cut.resize(size[::-1], Image.Resampling.BICUBIC))
     if landmarks is not None:
         color = draw_points(color, (landmarks.points + 0.5 - (left, top)) * zoom - 0.5)
-    one, all_frames = (depth_picture(depth, k, camera, size) for depth in (raw.depth, fused.depth))
+    one, all_frames = (depth_picture(depth, k, camera, size) for depth in (raw_depth, fused.depth))
     n = fused.report.n_fused
     captions = [f"frame {fused.reference}", "depth of this frame", f"depth fused of {n} frame{'s' if n != 1 else ''}"]
     return contact_sheet([color, one, all_frames], captions, columns=3)

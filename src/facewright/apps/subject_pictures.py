@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -176,28 +175,3 @@ def subject_sheets(
         shapes = [portrait(subject.blendshapes[1 + BLENDSHAPE_NAMES.index(name)]) for name in SHOWN_BLENDSHAPES]
         sheets["blendshapes"] = contact_sheet(shapes, list(SHOWN_BLENDSHAPES), columns=5)
     return sheets
-
-
-def write_subject_sheets(
-    folder: Path,
-    face: Face,
-    subject: Subject,
-    raw_depths: Mapping[str, NDArray[np.floating]] | None = None,
-    *,
-    size: int = 400,
-) -> list[Path]:
-    """Write the sheets as ``<subject>-captures.png`` and so on into a folder; return their paths.
-
-    Raises
-    ------
-    StoreError
-        If the folder cannot be written.
-    """
-    from facewright.io.image import write_image
-
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for name, sheet in subject_sheets(face, subject, raw_depths, size=size).items():
-        paths.append(folder / f"{subject.name}-{name}.png")
-        write_image(paths[-1], sheet)
-    return paths

@@ -24,7 +24,6 @@ from facewright.errors import (
     ValueRangeError,
 )
 from facewright.faces.expressions import EXPRESSION_NAMES, expression_weights
-from facewright.numeric.check import check_choice
 from facewright.warehouse.expression_record import (
     ExpressionRecord,
     LoadedRecording,
@@ -33,7 +32,6 @@ from facewright.warehouse.expression_record import (
     padded,
     read_record,
 )
-from facewright.warehouse.head_frame import HeadFrame
 from facewright.warehouse.personal_rig import PersonalRig, fit_personal_rig
 from facewright.warehouse.provenance import package_versions, plain, without_folder
 from facewright.warehouse.subject import Subject
@@ -46,7 +44,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 
-FUSION_ENGINES = ("numba", "open3d")
 STAGES = ("read", "fuse", "landmark", "neutral", "expression", "rig")
 """Keys of the seconds that `process_timed` returns."""
 
@@ -83,7 +80,10 @@ class ProcessOptions:
             raise ValueRangeError(
                 f"least_expressions must be between 1 and {len(EXPRESSION_NAMES) - 1}, got {self.least_expressions}."
             )
-        check_choice("fusion", self.fusion, FUSION_ENGINES)
+        if self.fusion != "numba":
+            from facewright.capture.fusion import FusionOptions
+
+            FusionOptions(engine=self.fusion)  # before the work: tells unknown engines and a missing extra
 
 
 class ProcessedSubject(NamedTuple):
@@ -179,8 +179,8 @@ def _process(capture: SubjectCapture, options: ProcessOptions, progress: Progres
             f"{len(run.fits) - 1}" + run.why_not() + "."
         )
     with run.clock.time("rig"):
-        rig, motions = run.rig()
-    return ProcessedSubject(run.subject(options, rig, motions), run.clock.seconds)
+        rig = run.rig()
+    return ProcessedSubject(run.subject(options, rig), run.clock.seconds)
 
 
 class _Run:
@@ -257,25 +257,15 @@ class _Run:
         """Return the reasons of failed expressions as a clause."""
         return "".join(f"; {name}: {failure['reason'].rstrip('.')}" for name, failure in self.failed.items())
 
-    def rig(self) -> tuple[PersonalRig, list[RigidMotion]]:
-        """Return the rig, and the motion of each fit into the common head frame."""
-        neutral = self.fits["neutral"].vertices
-        frame = HeadFrame(self.face)
+    def rig(self) -> PersonalRig:
+        """Return the rig; all fits are in the neutral's head frame, by what holds still in each expression."""
         guide = np.stack([expression_weights(name) for name in self.fits])
-        still = RigidMotion(np.eye(3), np.zeros(3))
-        motions = [still] + [
-            frame.align(neutral, fit.vertices, fit.stage1_vertices - neutral)
-            for name, fit in self.fits.items()
-            if name != "neutral"
-        ]
-        skins = np.stack([motion.apply(fit.vertices) for motion, fit in zip(motions, self.fits.values())])
-        return fit_personal_rig(self.face, skins, guide), motions
+        return fit_personal_rig(self.face, np.stack([fit.vertices for fit in self.fits.values()]), guide)
 
-    def subject(self, options: ProcessOptions, rig: PersonalRig, motions: list[RigidMotion]) -> Subject:
+    def subject(self, options: ProcessOptions, rig: PersonalRig) -> Subject:
         """Return the arrays and where they come from."""
         names = tuple(self.fits)
         records = [self.records[name] for name in names]
-        poses = [fit.target_from_model.after(m.inverse()) for fit, m in zip(self.fits.values(), motions)]
         blendshapes = np.concatenate([rig.meshes[:1], rig.meshes[0] + rig.deltas])
         keep = options.keep_records
         return Subject(
@@ -288,20 +278,19 @@ class _Run:
             color=padded([record.fused.color for record in records]) if keep else None,
             raw_depth=padded([record.raw_depth for record in records]) if options.keep_raw else None,
             intrinsics=np.array([_camera(record) for record in records]),
-            camera_from_model=np.stack([_matrix(pose) for pose in poses]),
+            camera_from_model=np.stack([_matrix(fit.target_from_model) for fit in self.fits.values()]),
             landmarks=np.stack([record.landmarks.points for record in records]),
             landmarks_3d=np.stack([record.facts.pop("landmarks_3d") for record in records]),
             attributes=dict(self.capture.attributes),
-            provenance=self._provenance(options, rig, motions),
+            provenance=self._provenance(options, rig),
         )
 
-    def _provenance(self, options: ProcessOptions, rig: PersonalRig, motions: list[RigidMotion]) -> dict[str, Any]:
+    def _provenance(self, options: ProcessOptions, rig: PersonalRig) -> dict[str, Any]:
         expressions = {}
         for i, (name, fit) in enumerate(self.fits.items()):
             expressions[name] = {
                 **self.records[name].facts,
                 "fit": fit.report,
-                "head_shift_mm": float(np.linalg.norm(motions[i].translation)),
                 "rig_residual_mm": rig.residuals_mm[i],
             }
         facts = plain(
