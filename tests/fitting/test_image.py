@@ -104,16 +104,16 @@ def test_gradient_of_the_joint_energy(fitter, make_photo, rng):
     from facewright.camera.rotation import rotation_from_vector
     from facewright.fitting.coordinate_descent import Targets
     from facewright.fitting.energies.expression_prior import ExpressionPrior
-    from facewright.fitting.perspective_refinement import CameraPrior, PinholeState, _Problem
+    from facewright.fitting.perspective_refinement import CameraPrior, PinholeState, PinholeProblem
 
-    small = fitter._landmark_model
+    small = fitter.landmark_model
     _, _, intrinsics, motion, landmarks = make_photo(rng)
     order = np.concatenate([small.fixed, small.sliding])
     targets = Targets(landmarks.points[order] + rng.normal(0, 3, (74, 2)), np.ones(74), len(small.fixed), 1.0)
     c, beta = rng.normal(size=small.n_identity) * 0.3, rng.uniform(0.1, 0.4, 46)
     state = PinholeState(small.person(c), beta, motion, intrinsics)
     centre = state.person.candidates(small.expression(beta)).mean(axis=0)
-    problem = _Problem(small, targets, ExpressionPrior(), CameraPrior(1200.0, 0.4), centre, state)
+    problem = PinholeProblem(small, targets, ExpressionPrior(), CameraPrior(1200.0, 0.4), centre, state)
     _, g = problem.quadratic(state)
 
     def moved(x):

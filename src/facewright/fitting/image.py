@@ -12,12 +12,12 @@ from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.camera.rotation import head_angles_from_rotation
 from facewright.camera.weak_perspective import WeakPerspective
 from facewright.errors import DegenerateError, ValueRangeError
-from facewright.fitting.coordinate_descent import Targets, descend, start_state
+from facewright.fitting.coordinate_descent import FitState, Targets, descend, start_state
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.identity_prior import IdentityPrior
 from facewright.fitting.landmark_model import LandmarkModel, PersonPoints
 from facewright.fitting.mesh_synthesis import MeshSynthesiser
-from facewright.fitting.perspective_refinement import CameraPrior, refine
+from facewright.fitting.perspective_refinement import CameraPrior, PinholeState, refine
 from facewright.landmarks.points import Landmarks, interocular_distance
 from facewright.landmarks.scheme import load_scheme
 from facewright.models.bilinear import BilinearModel
@@ -152,6 +152,32 @@ class PhotoFit:
         return float(np.nanmean(self.residuals_px)) / interocular_distance(self.reprojection, self.landmarks.scheme)
 
 
+@dataclass(frozen=True, eq=False)
+class PhotoStart:
+    """What a refinement starts from.
+
+    Parameters
+    ----------
+    landmarks : Landmarks
+        In the fitter's scheme.
+    image_size : (height, width)
+        Size of the picture.
+    targets : Targets
+        The same landmarks in the model's order.
+    expression_prior, lens : ExpressionPrior and CameraPrior
+        Priors.
+    state : FitState
+        The weak-perspective fit.
+    """
+
+    landmarks: Landmarks
+    image_size: tuple[int, int]
+    targets: Targets
+    expression_prior: ExpressionPrior
+    lens: CameraPrior
+    state: FitState
+
+
 class PhotoFitter:
     """Fits faces of one model to landmarks; keeps what does not depend on the picture.
 
@@ -173,7 +199,7 @@ class PhotoFitter:
     def __init__(self, model: BilinearModel, scheme: str = "fw74") -> None:
         self.model = model
         self.scheme = load_scheme(scheme)
-        self._landmark_model = LandmarkModel.of(model, self.scheme, IdentityPrior.of(model))
+        self.landmark_model = LandmarkModel.of(model, self.scheme, IdentityPrior.of(model))
         self._synthesiser = MeshSynthesiser(model)
 
     def fit(
@@ -203,8 +229,22 @@ class PhotoFitter:
             If too few landmarks are present, or they lie in one spot.
         """
         options = options or PhotoFitOptions()
+        start = self.start(landmarks, image_size, options)
+        fine = refine(
+            self.landmark_model,
+            start.targets,
+            start.expression_prior,
+            start.lens,
+            start.state,
+            image_size,
+            options.refinements,
+        )
+        return self.finish(start, fine, options.perspective)
+
+    def start(self, landmarks: Landmarks, image_size: tuple[int, int], options: PhotoFitOptions) -> PhotoStart:
+        """Return the weak-perspective fit from which the refinement starts; see `fit`."""
         found = landmarks.convert(self.scheme.name)
-        small = self._landmark_model
+        small = self.landmark_model
         n_present = int(found.present[small.fixed].sum())
         if n_present < MIN_LANDMARKS:
             raise DegenerateError(f"at least {MIN_LANDMARKS} landmarks inside the face are needed, got {n_present}.")
@@ -213,9 +253,11 @@ class PhotoFitter:
         targets = Targets(pixels, found.confidence[order], len(small.fixed), options.noise_mm)
         prior = ExpressionPrior(options.expression_spread, options.expression_sparsity)
         state = descend(small, targets, prior, start_state(small, targets), options.rounds)
-        lens = _camera_prior(options, image_size)
-        fine = refine(small, targets, prior, lens, state, image_size, options.refinements)
-        person, beta = fine.person, fine.beta
+        return PhotoStart(found, image_size, targets, prior, _camera_prior(options, image_size), state)
+
+    def finish(self, start: PhotoStart, fine: PinholeState, perspective: bool) -> PhotoFit:
+        """Return the fit, with its mesh, of a refined state."""
+        small, person, beta = self.landmark_model, fine.person, fine.beta
         w_id, w_exp = small.prior.weights(person.c), small.expression(beta)
         fit = PhotoFit(
             model=self.model,
@@ -223,14 +265,14 @@ class PhotoFitter:
             expression_weights=w_exp,
             blendshape_weights=beta,
             weak_camera=fine.weak_perspective(person.candidates(w_exp).mean(axis=0)),
-            intrinsics=fine.intrinsics if options.perspective else None,
-            camera_from_model=fine.motion if options.perspective else None,
-            landmarks=found,
+            intrinsics=fine.intrinsics if perspective else None,
+            camera_from_model=fine.motion if perspective else None,
+            landmarks=start.landmarks,
             reprojection=np.empty((0, 2)),
-            image_size=image_size,
+            image_size=start.image_size,
             vertices=self._synthesiser.vertices(w_id, w_exp),
         )
-        return self._with_reprojection(fit, person, targets, order)
+        return self._with_reprojection(fit, person, start.targets, np.concatenate([small.fixed, small.sliding]))
 
     def _with_reprojection(
         self,
@@ -240,7 +282,7 @@ class PhotoFitter:
         order: NDArray[np.int32],
     ) -> PhotoFit:
         """Fill in where the fit has the landmarks."""
-        small = self._landmark_model
+        small = self.landmark_model
         w_exp = fit.expression_weights
         places = small.place_contour(fit.project(person.candidates(w_exp)), fit.rotation, targets.contour)
         reprojection = np.full((self.scheme.n_points, 2), np.nan)

@@ -17,7 +17,7 @@ from facewright.fitting.energies.landmark_term import landmark_energy, noise_px,
 from facewright.fitting.landmark_model import LandmarkModel, PersonPoints
 from facewright.fitting.small_algebra import normal_equations, solve_spd
 
-_N_CAMERA = 7  # rotation, pixel of the face's middle, logarithms of scale and focal length
+N_CAMERA = 7  # rotation, pixel of the face's middle, logarithms of scale and focal length
 #: Contour points tell where the outline runs, not which point of it they are: weight of their residual along it.
 _ALONG_CONTOUR = 0.2
 
@@ -114,7 +114,7 @@ def refine(
     state = PinholeState(start.person, start.beta, rigid_from_weak(start.camera, intrinsics, centre), intrinsics)
     damping = 0.0
     for _ in range(iterations):
-        problem = _Problem(model, targets, expression_prior, camera_prior, centre, state)
+        problem = PinholeProblem(model, targets, expression_prior, camera_prior, centre, state)
         energy = problem.energy(state)
         H, g = problem.quadratic(state)
         for _ in range(6):
@@ -130,7 +130,7 @@ def refine(
     return state
 
 
-class _Problem:
+class PinholeProblem:
     """The energy with the contour's correspondences and the points' noise held still.
 
     The camera moves in terms that the picture determines one by one: rotation about the face's middle m, the
@@ -183,7 +183,7 @@ class _Problem:
         seen = state.motion.apply(points)
         by_camera = self.frames @ pixel_by_point(seen, state.intrinsics)  # (L, 2, 3)
         by_model = by_camera @ state.motion.rotation
-        J = np.empty((len(points), 2, _N_CAMERA + K + n_beta))
+        J = np.empty((len(points), 2, N_CAMERA + K + n_beta))
         arms = seen - middle
         J[:, :, 0] = by_camera[:, :, 2] * arms[:, 1, None] - by_camera[:, :, 1] * arms[:, 2, None]
         J[:, :, 1] = by_camera[:, :, 0] * arms[:, 2, None] - by_camera[:, :, 2] * arms[:, 0, None]
@@ -205,10 +205,10 @@ class _Problem:
         spread2 = self.camera_prior.spread**2
         H[6, 6] += 1.0 / spread2
         g[6] += np.log(state.intrinsics.focal_x / self.camera_prior.focal_length) / spread2
-        rows = np.arange(_N_CAMERA, _N_CAMERA + len(state.c))
+        rows = np.arange(N_CAMERA, N_CAMERA + len(state.c))
         H[rows, rows] += 1.0
         g[rows] += state.c
-        rows = np.arange(_N_CAMERA + len(state.c), len(g))
+        rows = np.arange(N_CAMERA + len(state.c), len(g))
         H[rows, rows] += 1.0 / self.expression_prior.spread**2
         g[rows] += self.expression_prior.gradient(state.beta)
 
@@ -216,25 +216,68 @@ class _Problem:
         self, state: PinholeState, H: NDArray[np.float64], g: NDArray[np.float64], damping: float
     ) -> PinholeState | None:
         """Return the state after a damped step with beta kept within [0, 1]; None if it is absurd."""
-        n = _N_CAMERA + len(state.c)
-        damped = H + damping * np.diag(np.diag(H))
-        # eliminate what has no bounds, minimise over beta in its box, substitute back
-        elimination = solve_spd(damped[:n, :n], np.column_stack([damped[:n, n:], g[:n]]))
-        S = damped[n:, n:] - damped[n:, :n] @ elimination[:, :-1]
-        slope = g[n:] - damped[n:, :n] @ elimination[:, -1]
-        beta = minimise_in_box(S, slope - S @ state.beta, state.beta)
-        free = -elimination[:, -1] - elimination[:, :-1] @ (beta - state.beta)
-        if not np.isfinite(free).all() or np.abs(free[:3]).max() > 1.0 or np.abs(free[5:7]).max() > 1.0:
+        free, beta = bounded_step(H, g, N_CAMERA + len(state.c), state.beta, damping)
+        return self.moved(state, free[:N_CAMERA], free[N_CAMERA:], beta)
+
+    def moved(
+        self,
+        state: PinholeState,
+        camera: NDArray[np.float64],
+        identity: NDArray[np.float64] | None,
+        beta: NDArray[np.float64],
+    ) -> PinholeState | None:
+        """Return the state with its camera and identity moved by a step (None leaves it) and beta set.
+
+        None if the camera's step is absurd.
+        """
+        if not np.isfinite(camera).all() or np.abs(camera[:3]).max() > 1.0 or np.abs(camera[5:7]).max() > 1.0:
+            return None
+        if identity is not None and not np.isfinite(identity).all():
             return None
         middle = state.motion.apply(self.centre)
-        focal = state.intrinsics.focal_x * float(np.exp(free[6]))
-        moved = middle + np.array([*(free[3:5] / state.scale(self.centre)), 0.0])
-        moved *= np.exp(-free[5])
-        moved[2] *= np.exp(free[6])
-        rotation = rotation_from_vector(free[:3]) @ state.motion.rotation
+        focal = state.intrinsics.focal_x * float(np.exp(camera[6]))
+        moved = middle + np.array([*(camera[3:5] / state.scale(self.centre)), 0.0])
+        moved *= np.exp(-camera[5])
+        moved[2] *= np.exp(camera[6])
+        rotation = rotation_from_vector(camera[:3]) @ state.motion.rotation
         return PinholeState(
-            self.model.person(state.c + free[_N_CAMERA:]),
+            state.person if identity is None else self.model.person(state.c + identity),
             beta,
             RigidMotion(rotation, moved - rotation @ self.centre),
             replace(state.intrinsics, focal_x=focal, focal_y=focal),
         )
+
+
+def bounded_step(
+    H: NDArray[np.float64], g: NDArray[np.float64], n_free: int, beta: NDArray[np.float64], damping: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Minimise a quadratic in a step of n free unknowns and of beta, whose end stays in [0, 1].
+
+    Parameters
+    ----------
+    H, g : ndarray of shape (n + B, n + B) and (n + B,)
+        Hessian and gradient, free unknowns first.
+    n_free : int
+        n.
+    beta : ndarray of shape (B,)
+        Where beta is.
+    damping : float
+        Of Levenberg and Marquardt.
+
+    Returns
+    -------
+    step : ndarray of shape (n,)
+        Of the free unknowns; NaN where the Hessian is not definite.
+    beta : ndarray of shape (B,)
+        Where beta ends.
+    """
+    n = n_free
+    damped = H + damping * np.diag(np.diag(H))
+    # eliminate what has no bounds, minimise over beta in its box, substitute back
+    elimination = solve_spd(
+        np.ascontiguousarray(damped[:n, :n]), np.ascontiguousarray(np.column_stack([damped[:n, n:], g[:n]]))
+    )
+    S = damped[n:, n:] - damped[n:, :n] @ elimination[:, :-1]
+    slope = g[n:] - damped[n:, :n] @ elimination[:, -1]
+    end = minimise_in_box(S, slope - S @ beta, beta)
+    return -elimination[:, -1] - elimination[:, :-1] @ (end - beta), end
