@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 import math
 import warnings
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
     from PIL import Image
 
 #: Largest picture that is read, in pixels: beyond it a small file could fill the memory.
-MAX_PIXELS = 120_000_000
+MAX_PIXELS = 150_000_000
 #: Suffixes that `write_image` understands.
 WRITE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp", ".bmp", ".tif", ".tiff")
 _EXIF_IFD, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
@@ -64,6 +66,124 @@ def read_image(path: str | Path, max_pixels: int = MAX_PIXELS) -> NDArray[np.uin
             raise FileFormatError(f"{file} must be a whole picture, got one that is truncated or corrupt.") from error
 
 
+@dataclass(frozen=True, eq=False)
+class PhotoFile:
+    """A photo with what is needed to write a changed copy of it.
+
+    Parameters
+    ----------
+    pixels : ndarray of shape (H, W, 3), uint8
+        sRGB, upright; colours of transparent pixels as they are in the file.
+    alpha : ndarray of shape (H, W), uint8, or None
+        Opacity, where the picture has any transparency.
+    focal_length : float or None
+        Pixels, of the EXIF data.
+    remarks : tuple of str
+        What was made of an unusual file: sentences for the user.
+    """
+
+    pixels: NDArray[np.uint8]
+    alpha: NDArray[np.uint8] | None = None
+    focal_length: float | None = None
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, pixels: NDArray[np.uint8]) -> PhotoFile:
+        """Return the photo of an array (H, W), (H, W, 3) or (H, W, 4), uint8."""
+        array = _checked_pixels(pixels)
+        if array.ndim == 2:
+            return cls(np.repeat(array[..., None], 3, axis=2))
+        if array.shape[2] == 3:
+            return cls(array)
+        return cls(np.ascontiguousarray(array[..., :3]), np.ascontiguousarray(array[..., 3]))
+
+    def over_white(self) -> NDArray[np.uint8]:
+        """Return the pixels (H, W, 3) laid over white, as they are seen; without transparency the array itself."""
+        if self.alpha is None:
+            return self.pixels
+        seen = np.empty_like(self.pixels)
+        for top in range(0, len(seen), 256):  # strips: the 16-bit sum would double a large picture
+            rows = slice(top, top + 256)
+            opacity = self.alpha[rows, :, None].astype(np.uint16)
+            seen[rows] = (self.pixels[rows] * opacity + 255 * (255 - opacity) + 127) // 255
+        return seen
+
+
+def read_photo(path: str | Path, max_pixels: int = MAX_PIXELS) -> PhotoFile:
+    """Read a photo that is to be changed and written again, see `write_photo`.
+
+    As `read_image`, but transparency is kept apart and unusual files are remarked on: the first frame of an
+    animation, 16 bits made 8, greyscale and CMYK turned into RGB.
+
+    Raises
+    ------
+    StoreError
+        If the file does not exist or cannot be read.
+    FileFormatError
+        If it is empty, truncated, not a picture or too large, or of a kind (HEIC) whose plug-in is absent.
+    """
+    file = Path(path)
+    with _opened(file, max_pixels) as picture:
+        try:
+            remarks = _remarks(picture, file)
+            upright = _upright(picture)
+            pixels = np.ascontiguousarray(_rgb(_to_srgb(upright), file, flatten=False))
+            alpha = _alpha(upright)
+        except (FileFormatError, MemoryError):
+            raise
+        except Exception as error:  # decoders raise OSError, SyntaxError, ValueError, struct.error, ...
+            raise FileFormatError(f"{file} must be a whole picture, got one that is truncated or corrupt.") from error
+    return PhotoFile(pixels, alpha, read_focal_length(file), remarks)
+
+
+def write_photo(path: str | Path, pixels: NDArray[np.uint8], like: PhotoFile | None = None, quality: int = 95) -> None:
+    """Write a changed photo whole, with the transparency of the one it was made from where the format has any.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file: PNG, JPEG, WebP or TIFF by its suffix. PNG and TIFF are lossless; WebP is written without loss where
+        the photo is transparent.
+    pixels : ndarray of shape (H, W, 3), uint8
+        sRGB.
+    like : PhotoFile, optional
+        The photo; its size must be that of `pixels`. JPEG, which has no transparency, is laid over white.
+    quality : int
+        1 to 100, for JPEG and WebP.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        If the array is not a picture of 8 bits, sizes differ or the suffix is unknown.
+    StoreError
+        If the file cannot be written; nothing half-written is left.
+    """
+    image = _checked_pixels(pixels)
+    if like is not None and like.alpha is not None:
+        if like.alpha.shape != image.shape[:2]:
+            raise ShapeError(f"pixels must have the photo's size {like.alpha.shape}, got {image.shape[:2]}.")
+        if Path(path).suffix.lower() in (".jpg", ".jpeg", ".bmp"):
+            image = PhotoFile(image[..., :3], like.alpha).over_white()
+        else:
+            image = np.dstack([image[..., :3], like.alpha])
+    write_image(path, image, quality)
+
+
+def reduced(image: NDArray[np.uint8], step: int) -> NDArray[np.uint8]:
+    """Return a picture (H, W, 3) made smaller by a whole factor, each pixel the mean of a block.
+
+    The last rows and columns that do not fill a block are left out.
+    """
+    if step < 1:
+        raise ValueRangeError(f"step must be at least 1, got {step}.")
+    height, width = image.shape[0] // step, image.shape[1] // step
+    if not (height and width):
+        raise ValueRangeError(f"step must be at most the picture's shorter side {min(image.shape[:2])}, got {step}.")
+    from PIL import Image
+
+    return np.asarray(Image.fromarray(image[: height * step, : width * step]).reduce(step))
+
+
 def read_focal_length(path: str | Path) -> float | None:
     """Return the focal length that the EXIF data states, in pixels of the picture, or None.
 
@@ -106,13 +226,18 @@ def write_image(path: str | Path, image: NDArray[np.uint8], quality: int = 95) -
     from PIL import Image
 
     file = Path(path)
-    if file.suffix.lower() not in WRITE_SUFFIXES:
-        raise ValueRangeError(f"picture file must end in {', '.join(WRITE_SUFFIXES)}, got {file.name!r}.")
+    check_picture_suffix(file)
     picture = Image.fromarray(_checked_pixels(image))
     if file.suffix.lower() in (".jpg", ".jpeg") and picture.mode == "RGBA":
         picture = picture.convert("RGB")
     with write_atomically(file) as temporary:
         picture.save(temporary, format=Image.registered_extensions()[file.suffix.lower()], quality=quality)
+
+
+def check_picture_suffix(path: Path) -> None:
+    """Refuse a file name that `write_image` could not write; for callers that have long work to do before."""
+    if path.suffix.lower() not in WRITE_SUFFIXES:
+        raise ValueRangeError(f"picture file must end in {', '.join(WRITE_SUFFIXES)}, got {path.name!r}.")
 
 
 def encode_image(image: NDArray[np.uint8], kind: str = "jpeg", quality: int = 92) -> bytes:
@@ -145,8 +270,13 @@ def _opened(file: Path, max_pixels: int) -> Image.Image:
             raise FileFormatError(f"{file} must be a picture, got an empty file.")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # our own limit is stated below
+            _register_heif()
             picture = Image.open(file)
     except UnidentifiedImageError as error:
+        if _is_heic(file):
+            raise FileFormatError(
+                f"{file} is a HEIC picture, which needs a plug-in: pip install pillow-heif, or save it as JPEG or PNG."
+            ) from error
         raise FileFormatError(f"{file} must be a picture (JPEG, PNG, TIFF, WebP, ...), got something else.") from error
     except Image.DecompressionBombError as error:
         raise FileFormatError(f"{file} must have at most {max_pixels} pixels, got far more.") from error
@@ -163,6 +293,42 @@ def _opened(file: Path, max_pixels: int) -> Image.Image:
         picture.close()
         raise FileFormatError(f"{file} must have at most {max_pixels} pixels, got {width} x {height}.")
     return picture
+
+
+def _register_heif() -> None:
+    """Let Pillow read HEIC where its plug-in is installed."""
+    with suppress(ImportError):
+        import pillow_heif
+
+        pillow_heif.register_heif_opener()
+
+
+def _is_heic(file: Path) -> bool:
+    """Tell HEIC and AVIF by the brand at the start of the file."""
+    with file.open("rb") as stream:
+        start = stream.read(16)
+    return start[4:8] == b"ftyp" and start[8:12] in (b"heic", b"heix", b"heif", b"hevc", b"mif1", b"msf1")
+
+
+def _remarks(picture: Image.Image, file: Path) -> tuple[str, ...]:
+    """Say what is made of an unusual picture."""
+    remarks = []
+    frames = int(getattr(picture, "n_frames", 1))
+    if frames > 1:
+        remarks.append(f"{file} holds {frames} frames, the first is used.")
+    if picture.mode.startswith(("I", "F")):
+        remarks.append(f"{file} has more than 8 bits per channel, the result has 8.")
+    if picture.mode == "CMYK":
+        remarks.append(f"{file} has the colours of a printer (CMYK), the result those of a screen (sRGB).")
+    return tuple(remarks)
+
+
+def _alpha(picture: Image.Image) -> NDArray[np.uint8] | None:
+    """Return the opacity (H, W), or None where everything is opaque."""
+    if "transparency" not in picture.info and picture.mode not in ("RGBA", "LA", "PA", "La", "RGBa"):
+        return None
+    alpha = np.asarray(picture.convert("RGBA"))[..., 3]
+    return None if (alpha == 255).all() else np.ascontiguousarray(alpha)
 
 
 def _upright(picture: Image.Image) -> Image.Image:
@@ -196,14 +362,16 @@ def _to_srgb(picture: Image.Image) -> Image.Image:
         return picture
 
 
-def _rgb(picture: Image.Image, file: Path) -> NDArray[np.uint8]:
-    """Return (H, W, 3) uint8 of a picture of any mode."""
+def _rgb(picture: Image.Image, file: Path, *, flatten: bool = True) -> NDArray[np.uint8]:
+    """Return (H, W, 3) uint8 of a picture of any mode; transparent parts over white, or as they are."""
     from PIL import Image
 
     if picture.mode.startswith(("I", "F")):
         return np.repeat(_eight_bits(np.asarray(picture), file)[..., None], 3, axis=2)
     if "transparency" in picture.info or picture.mode in ("RGBA", "LA", "PA", "La", "RGBa"):
         layered = picture.convert("RGBA")
+        if not flatten:
+            return np.asarray(layered)[..., :3]
         white = Image.new("RGBA", layered.size, (255, 255, 255, 255))
         return np.asarray(Image.alpha_composite(white, layered).convert("RGB"))
     return np.asarray(picture.convert("RGB"))

@@ -1,0 +1,409 @@
+"""A person in a photo, ready to be redrawn: fitted, completed with eyes and teeth, adjusted to what the photo shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.camera.pinhole import Intrinsics, RigidMotion
+from facewright.errors import MissingFaceError, NoFaceError, ValueRangeError
+from facewright.fitting.gaze import find_gaze, set_gaze
+from facewright.fitting.image import PhotoFit, PhotoFitOptions, PhotoFitter
+from facewright.imaging.mesh_view import MeshView
+from facewright.landmarks.points import Landmarks
+from facewright.models.blendshapes import BlendshapeRig
+from facewright.numeric.check import check_shape
+
+if TYPE_CHECKING:
+    from facewright.faces.attach_parts import PartsAttacher
+    from facewright.faces.face import Face
+    from facewright.imaging.synthesis import PhotoSynthesiser
+    from facewright.landmarks.detector import LandmarkDetector
+    from facewright.models.bilinear import BilinearModel
+
+Progress = Callable[[str, int, int], None]
+
+#: Largest turn of a head, degrees, of which enough is seen to redraw the face.
+MAX_YAW, MAX_PITCH = 55.0, 45.0
+#: Largest mean distance of the landmarks from the fit's, as a share of the inter-ocular distance.
+MAX_RESIDUAL_IOD = 0.15
+#: Side, pixels, of the copy of a picture that faces are searched in.
+_SEARCH_SIDE = 2000
+_STAGES = 4
+
+
+@dataclass(eq=False)
+class PhotoSubject:
+    """A photo and the person in it.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (H, W, 3), uint8
+        sRGB.
+    alpha : ndarray of shape (H, W), uint8, or None
+        The photo's transparency, which results keep.
+    fit : PhotoFit
+        Identity, expression, camera and pose.
+    face : Face
+        All parts, on the topology of all meshes here.
+    rig : BlendshapeRig
+        The person's neutral and 46 blendshapes, all parts.
+    landmarks : Landmarks
+        What was found: ``mediapipe478`` where the detector found it.
+    weights : ndarray of shape (46,)
+        FACS coefficients of the photo's expression.
+    gaze : ndarray of shape (2, 2), radians
+        Yaw and pitch of the right and the left eyeball in the photo, relative to the head.
+    residual : ndarray of shape (V, 3), millimetres
+        What is added to every mesh in model space so that it meets the photo's landmarks.
+    remarks : tuple of str
+        What a user should know: sentences.
+    """
+
+    photo: NDArray[np.uint8]
+    alpha: NDArray[np.uint8] | None
+    fit: PhotoFit
+    face: Face
+    rig: BlendshapeRig
+    landmarks: Landmarks
+    weights: NDArray[np.float64]
+    gaze: NDArray[np.float64]
+    residual: NDArray[np.float64]
+    remarks: tuple[str, ...] = ()
+    _attacher: PartsAttacher | None = None
+    _identity_bases: dict[bytes, NDArray[np.float32]] = field(default_factory=dict)
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """The photo's camera."""
+        assert self.fit.intrinsics is not None
+        return self.fit.intrinsics
+
+    @property
+    def camera_from_model(self) -> RigidMotion:
+        """The head's pose in the photo."""
+        assert self.fit.camera_from_model is not None
+        return self.fit.camera_from_model
+
+    def vertices(
+        self,
+        identity_weights: NDArray[np.floating] | None = None,
+        weights: NDArray[np.floating] | None = None,
+        gaze: NDArray[np.floating] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return all parts (V, 3) in model space, millimetres, without the residual.
+
+        Parameters
+        ----------
+        identity_weights : ndarray of shape (I,), optional
+            Another identity; the photo's where absent.
+        weights : ndarray of shape (46,), optional
+            Another expression; the photo's where absent.
+        gaze : ndarray of shape (2, 2), optional
+            Another gaze; the photo's where absent. Eyeballs turn by the gaze alone.
+        """
+        beta = self.weights if weights is None else np.asarray(weights, dtype=np.float64)
+        neutral, posed = self.rig.neutral.astype(np.float64), self.rig.pose(beta).astype(np.float64)
+        if identity_weights is not None:
+            neutral = neutral + self._identity_change(identity_weights, np.zeros_like(beta))
+            posed = posed + self._identity_change(identity_weights, beta)
+        return set_gaze(self.face, neutral, posed, self.gaze if gaze is None else gaze)
+
+    def view(self, vertices: NDArray[np.floating], camera_from_model: RigidMotion | None = None) -> MeshView:
+        """Return how the photo's camera sees a mesh, moved by the residual.
+
+        Parameters
+        ----------
+        vertices : ndarray of shape (V, 3), millimetres
+            From `vertices`, model space.
+        camera_from_model : RigidMotion, optional
+            Another pose of the head; the photo's where absent.
+        """
+        check_shape("vertices", vertices, self.face.topology.n_vertices, 3)
+        motion = self.camera_from_model if camera_from_model is None else camera_from_model
+        seen = motion.apply(np.asarray(vertices, dtype=np.float64) + self.residual)
+        return MeshView(self.intrinsics.project(seen), seen)
+
+    @cached_property
+    def source(self) -> MeshView:
+        """The mesh as the photo shows it."""
+        return self.view(self.vertices())
+
+    @cached_property
+    def synthesiser(self) -> PhotoSynthesiser:
+        """What redraws the photo, with its inner mouth and eyes."""
+        from facewright.imaging.synthesis import PhotoSynthesiser
+
+        return PhotoSynthesiser(self.photo, self.source, self.face, inner=self._inner_face())
+
+    def _inner_face(self) -> Any:
+        try:
+            from facewright.imaging.inner_face import InnerFace
+            from facewright.imaging.photo_light import estimate_light
+        except ImportError:
+            return None
+        light = estimate_light(self.photo, self.source, self.face)
+        return InnerFace.of(self.photo, self.source, self.face, light)
+
+    def _identity_change(
+        self, identity_weights: NDArray[np.floating], beta: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return how all parts (V, 3) differ with another identity, in one expression."""
+        model = self.fit.model
+        check_shape("identity_weights", identity_weights, model.n_identity)
+        key = beta.tobytes()
+        if key not in self._identity_bases:
+            if len(self._identity_bases) >= 2:
+                self._identity_bases.pop(next(iter(self._identity_bases)))
+            self._identity_bases[key] = model.expression(model.expression_from_blendshapes(beta))
+        basis = self._identity_bases[key]
+        step = np.asarray(identity_weights, dtype=np.float64) - self.fit.identity_weights
+        change = np.tensordot(step, basis.astype(np.float64), 1)
+        if self._attacher is None:
+            return np.asarray(change)
+        skin = self.rig.neutral[: len(change)].astype(np.float64)
+        moved = self._attacher.neutral(skin + change) - self._attacher.neutral(skin)
+        return np.asarray(moved)
+
+
+def open_photo_subject(
+    photo: Path | str | NDArray[np.uint8],
+    model: BilinearModel,
+    *,
+    face_index: int = 0,
+    landmarks: Landmarks | None = None,
+    detector: LandmarkDetector | None = None,
+    task_file: Path | None = None,
+    focal_length: float | None = None,
+    progress: Progress | None = None,
+) -> PhotoSubject:
+    """Find, fit and complete the person in a photo.
+
+    Parameters
+    ----------
+    photo : path or ndarray of shape (H, W, 3) or (H, W, 4), uint8
+        A picture file, or sRGB pixels.
+    model : BilinearModel
+        The model; its face must be installed. See `facewright.apps.default_model`.
+    face_index : int
+        Which of the faces found, the largest being 0.
+    landmarks : Landmarks, optional
+        Points that win over detected ones. With `detector` absent and MediaPipe not installed they are all there is.
+    detector : LandmarkDetector, optional
+        An open detector; opened and closed here where absent.
+    task_file : Path, optional
+        See `facewright.landmarks.detector.open_detector`.
+    focal_length : float, optional
+        Pixels; from the EXIF data, else estimated, where absent.
+    progress : callable, optional
+        Called with stage, done, total.
+
+    Returns
+    -------
+    PhotoSubject
+        The person.
+
+    Raises
+    ------
+    NoFaceError
+        If no face was found, or fewer than `face_index` asks for.
+    DegenerateError, ValueRangeError
+        If the head is turned away too far or the landmarks do not make a face.
+    FileFormatError, StoreError
+        If the file cannot be read.
+    MissingExtraError, MissingFaceError
+        If the detector or the model's face is needed and not installed.
+    """
+    from facewright.io.image import PhotoFile, read_photo
+
+    report = _reporter(progress)
+    report("reading the photo", 0)
+    if isinstance(photo, np.ndarray):
+        file, name = PhotoFile.of(photo), "the picture"
+    else:
+        file, name = read_photo(photo), str(photo)
+    face = _face_of(model)
+    report("finding the face", 1)
+    found, n_faces = _find(file, name, face_index, landmarks, detector, task_file)
+    report("fitting the face", 2)
+    focal = file.focal_length if focal_length is None else focal_length
+    size = (file.pixels.shape[0], file.pixels.shape[1])
+    fit = PhotoFitter(model).fit(found, size, PhotoFitOptions(focal_length=focal))
+    _check_fit(fit, name)
+    report("completing the face", 3)
+    remarks = list(file.remarks)
+    if n_faces > 1:
+        which = "the largest" if face_index == 0 else f"number {face_index}"
+        remarks.append(f"{n_faces} faces were found, {which} is used; --face chooses another.")
+    subject = _completed(file, fit, face, found, tuple(remarks))
+    report("ready", _STAGES)
+    return subject
+
+
+def _completed(file: Any, fit: PhotoFit, face: Face, found: Landmarks, remarks: tuple[str, ...]) -> PhotoSubject:
+    rig, attacher = _complete_rig(fit, face)
+    V = face.topology.n_vertices
+    subject = PhotoSubject(
+        photo=file.pixels,
+        alpha=file.alpha,
+        fit=fit,
+        face=face,
+        rig=rig,
+        landmarks=found,
+        weights=fit.blendshape_weights,
+        gaze=np.zeros((2, 2)),
+        residual=np.zeros((V, 3)),
+        remarks=remarks,
+        _attacher=attacher,
+    )
+    vertices = subject.vertices()
+    residual = _residual(subject, vertices)
+    gaze = find_gaze(face, vertices + residual, _irises(found), subject.intrinsics, subject.camera_from_model)
+    return replace(subject, residual=residual, gaze=gaze)
+
+
+def _residual(subject: PhotoSubject, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    from facewright.fitting.landmark_residual import Anchors, LandmarkResidual
+
+    found = subject.landmarks.convert("fw74")
+    ids = subject.face.topology.landmarks["fw74"]
+    points = found.definition.fixed[ids[found.definition.fixed] >= 0]
+    adjust = LandmarkResidual(subject.face, Anchors.at_vertices(ids[points], np.full(len(points), 0.4)))
+    present = found.present[points]
+    pixels = np.where(present[:, None], found.points[points], 0.0)
+    return adjust.displacement(vertices, pixels, subject.intrinsics, subject.camera_from_model, present)
+
+
+def _complete_rig(fit: PhotoFit, face: Face) -> tuple[BlendshapeRig, PartsAttacher | None]:
+    """Return the rig of all parts, and what completes skins where the model holds only the skin."""
+    if fit.model.n_vertices == face.topology.n_vertices:
+        return fit.rig, None
+    from facewright.faces.attach_parts import parts_attacher
+
+    attacher = parts_attacher(face)
+    skin = fit.rig
+    neutral = attacher.neutral(skin.neutral)
+    deltas = attacher.blendshapes(neutral, skin.deltas, np.ones(len(skin.names)))
+    return BlendshapeRig(neutral.astype(np.float32), skin.names, deltas.astype(np.float32)), attacher
+
+
+def _face_of(model: BilinearModel) -> Face:
+    """Return the face, all parts, that a model was built with."""
+    from facewright.faces import load_face
+
+    name = str(model.provenance.get("face", ""))
+    try:
+        face = load_face(name)
+    except MissingFaceError as error:
+        raise MissingFaceError(
+            "the face that the model was built with must be installed to draw eyes and teeth, "
+            f"got {name or 'an unknown one'!r}: {error}"
+        ) from error
+    fingerprints = (face.topology.fingerprint, face.skin().topology.fingerprint)
+    if model.topology.fingerprint not in fingerprints:
+        raise MissingFaceError(
+            f"the model must have the mesh of its face {name!r} as installed, got another one: build the model again "
+            "(facewright model build)."
+        )
+    return face
+
+
+def _find(
+    file: Any,
+    name: str,
+    face_index: int,
+    given: Landmarks | None,
+    detector: LandmarkDetector | None,
+    task_file: Path | None,
+) -> tuple[Landmarks, int]:
+    """Return the landmarks to use and the number of faces found."""
+    if face_index < 0:
+        raise ValueRangeError(f"face_index must not be negative, got {face_index}.")
+    from facewright.errors import MissingExtraError
+    from facewright.landmarks.detector import open_detector
+
+    picture = file.over_white()
+    try:
+        if detector is not None:
+            faces = _detect(detector, picture)
+        else:
+            with open_detector(task_file) as opened:
+                faces = _detect(opened, picture)
+    except MissingExtraError:
+        if given is None:
+            raise
+        faces = []
+    if given is not None:
+        if not faces:
+            return given, 0
+        by_hand = given.convert("fw74")
+        nearest = min(faces, key=lambda face: _distance(face.convert("fw74"), by_hand))
+        return nearest.convert("fw74").overridden_by(by_hand), len(faces)
+    if not faces:
+        raise NoFaceError(
+            f"{name} must show a face, the detector found none; give its points with --landmarks if there is one."
+        )
+    if face_index >= len(faces):
+        counted = "1 face" if len(faces) == 1 else f"{len(faces)} faces"
+        raise NoFaceError(f"{name} must show face {face_index} (0 is the largest), the detector found {counted}.")
+    return faces[face_index], len(faces)
+
+
+def _detect(detector: LandmarkDetector, picture: NDArray[np.uint8]) -> list[Landmarks]:
+    """Search a small copy of large pictures first: the networks look at a few hundred pixels anyhow."""
+    from facewright.io.image import reduced
+
+    step = int(np.ceil(max(picture.shape[:2]) / _SEARCH_SIDE))
+    if step > 1:
+        small = detector.detect(reduced(picture, step))
+        if small:
+            # the centre of a small pixel is that of the block it was made from
+            return [replace(found, points=found.points * step + (step - 1) / 2) for found in small]
+    return detector.detect(picture)
+
+
+def _distance(face: Landmarks, by_hand: Landmarks) -> float:
+    present = by_hand.present
+    return float(np.nanmean(np.linalg.norm(face.points[present] - by_hand.points[present], axis=1)))
+
+
+def _check_fit(fit: PhotoFit, name: str) -> None:
+    """Refuse heads that show too little of their face, and points that no face has."""
+    yaw, pitch, _ = fit.head_angles_degrees
+    if abs(yaw) > MAX_YAW or abs(pitch) > MAX_PITCH:
+        way, angle, most = ("sideways", yaw, MAX_YAW) if abs(yaw) > MAX_YAW else ("up or down", pitch, MAX_PITCH)
+        raise ValueRangeError(
+            f"{name} must show a face turned {way} by at most {most:.0f} degrees, got {abs(angle):.0f}: too little of "
+            "the face is seen to redraw it."
+        )
+    if not fit.reprojection_iod <= MAX_RESIDUAL_IOD:
+        raise ValueRangeError(
+            f"{name} must show a face whose points fit the model to within {100 * MAX_RESIDUAL_IOD:.0f} % of the "
+            f"distance between the eyes, got {100 * fit.reprojection_iod:.0f} %: not a face seen from the front, or "
+            "wrong points."
+        )
+
+
+def _irises(found: Landmarks) -> NDArray[np.float64]:
+    """Return the centres of the right and the left iris, NaN where the scheme has none."""
+    groups = found.definition.groups
+    centres = np.full((2, 2), np.nan)
+    for k, side in enumerate(("right", "left")):
+        ids = groups.get(f"{side}_iris")
+        if ids is not None and len(ids):
+            centres[k] = found.points[ids].mean(axis=0)
+    return centres
+
+
+def _reporter(progress: Progress | None) -> Callable[[str, int], None]:
+    def report(stage: str, done: int) -> None:
+        if progress is not None:
+            progress(stage, done, _STAGES)
+
+    return report
