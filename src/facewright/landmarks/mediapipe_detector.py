@@ -69,8 +69,8 @@ class MediaPipeDetector:
         thorough: bool = True,
     ) -> None:
         self._closers: list[Any] = []
-        with _quiet_native_log():
-            mediapipe = _import_mediapipe()
+        with quiet_native_log():
+            mediapipe = import_mediapipe()
             if task_file is not None:
                 self._look = self._open_task(mediapipe, Path(task_file), max_faces, min_confidence)
             else:
@@ -104,7 +104,7 @@ class MediaPipeDetector:
         """
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8 or 0 in image.shape:
             raise ShapeError(f"image must be (H, W, 3) of uint8, got {image.shape} of {image.dtype}.")
-        with _quiet_native_log():
+        with quiet_native_log():
             found = self._look_at(image, (0, 0, image.shape[1], image.shape[0]))
             found += self._look_closer(image, (0, 0, image.shape[1], image.shape[0]), found)
             if not found and self.thorough:
@@ -225,7 +225,8 @@ class MediaPipeDetector:
         return find
 
 
-def _import_mediapipe() -> Any:
+def import_mediapipe() -> Any:
+    """Return the package MediaPipe; MissingExtraError where it is not installed."""
     try:
         import mediapipe
     except ImportError as error:
@@ -245,7 +246,7 @@ def _confidence(points: NDArray[np.float64], image: NDArray[np.uint8]) -> NDArra
 
 
 @contextmanager
-def _quiet_native_log() -> Iterator[None]:
+def quiet_native_log() -> Iterator[None]:
     """Hide what MediaPipe's native code writes straight to the process's standard error."""
     try:
         saved = os.dup(2)
