@@ -1,7 +1,8 @@
 """Our z-buffer beside Open3D's RaycastingScene (Embree): which triangle each of 640 x 480 pixels sees, and its depth.
 
-A face that is being fitted moves and deforms from picture to picture, so that Open3D has to build its tree anew each
-time; its second row is the rays alone. Ours uses one core, Embree all.
+A face that is being fitted or drawn moves and deforms from picture to picture, so that Open3D has to build its tree
+anew each time. Its parts are timed apart: the tree, and the rays with all cores and with one. Ours uses one core and has
+no tree. Last, what drawing needs besides: three numbers per vertex, such as positions, interpolated at every pixel.
 """
 
 from __future__ import annotations
@@ -51,9 +52,15 @@ def main() -> None:
         note = f"depth to {np.percentile(apart, 99.9):.0e} mm (99.9 %), {differ} pixels differ in cover"
         table.versus("a new picture", ours, "Open3D, build + rays", peer, note)
         scene = build()
+        # the tree is built with the first ray
+        one_ray = rays[:1, :1].clone()
+        table.versus("", ours, "Open3D, build alone", best_ms(lambda: build().cast_rays(one_ray), repeats))
         table.versus("", ours, "Open3D, rays alone", best_ms(lambda: scene.cast_rays(rays), repeats))
+        alone = best_ms(lambda: scene.cast_rays(rays, nthreads=1), repeats)
+        table.versus("", ours, "Open3D, rays alone, one core", alone)
     else:
         table.ours("a new picture", ours)
+    table.ours("interpolate positions", best_ms(lambda: fragments.interpolate(faces, seen), repeats))
     table.show()
 
 

@@ -33,6 +33,31 @@ def test_equals_the_obvious_loops(seed, perspective):
     np.testing.assert_allclose(got.barycentric[same], barycentric[same], atol=1e-5)
 
 
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), perspective=st.booleans())
+def test_slivers_equal_the_obvious_loops(seed, perspective):
+    """Edges along pixel rows and columns, corners on pixel centres, slivers, and corners far outside."""
+    rng = np.random.default_rng(seed)
+    pixels = rng.integers(-2, 16, (24, 2)).astype(float)
+    pixels[::4] += rng.choice([0.0, 1e-12, 1e-8, 1e-5, 0.3], (6, 2))
+    pixels[1::12] += rng.choice([0.0, 1e4, -1e6], (2, 2))
+    depth = rng.uniform(50, 90, 24)
+    faces = np.arange(24).reshape(8, 3)
+    got = rasterise(pixels, depth, faces, (12, 14), perspective=perspective)
+    face_index, _, nearest = reference.rasterise_naively(pixels, depth, faces, (12, 14), perspective)
+    # a pixel centre on an edge may fall to either side of rounding: such pixels are few
+    same = got.face_index == face_index
+    assert same.mean() > 0.95
+    np.testing.assert_allclose(got.depth[same], nearest[same], rtol=1e-4)
+
+
+def test_corners_beyond_all_numbers_of_pixels_do_no_harm():
+    pixels = np.array([[2.0, 2], [2, 9], [9, 2], [1e150, 5], [-1e150, 5], [5, 1e150], [3e18, 3e18]])
+    faces = np.array([[0, 1, 2], [0, 1, 3], [3, 4, 5], [0, 4, 6], [5, 5, 6]])
+    covered = rasterise(pixels, np.full(7, 5.0), faces, (12, 12)).covered
+    assert covered[3, 3] and not covered[11, 11]
+
+
 def test_interpolation_is_perspective_correct():
     """A slanted plane seen through a pinhole: interpolated positions project back onto their own pixels."""
     camera = np.array([[-40.0, -40, 100], [60, -40, 300], [60, 40, 300], [-40, 40, 100]])
