@@ -1,0 +1,162 @@
+"""Rendered clips of simulated people with everything known: coefficients, head motion, gaze, shape."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from facewright.camera.pinhole import Intrinsics, RigidMotion
+from facewright.camera.rotation import rotation_from_vector
+from facewright.evaluation.simulated_performance import simulate_performance
+from facewright.faces.appearance import Appearance, albedo_function, sample_appearance, vertex_gloss, visible_faces
+from facewright.faces.face import Face
+from facewright.faces.simulate import SimulatedPerson, simulate_person
+from facewright.imaging.render import Lights, render_mesh
+from facewright.models.performance import Performance
+
+IMAGE_SIZE = (480, 640)
+FRAMES_PER_SECOND = 25.0
+#: Height of the head (about 240 mm), at 650 mm, as a share of the picture's height.
+_HEAD_SHARE = (0.62, 0.78)
+_HEAD_MM, _DISTANCE_MM = 240.0, 650.0
+#: Standard deviation of the camera's noise, of 255 levels.
+_NOISE_LEVELS = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedVideo:
+    """A simulated person who acts before a camera.
+
+    Parameters
+    ----------
+    face : Face
+        All parts of it.
+    person : SimulatedPerson
+        Who acts; outside the span of any model of the face.
+    performance : Performance
+        What is acted: the truth.
+    rest : ndarray of shape (T,), bool
+        Frames in which head and face are still.
+    intrinsics : Intrinsics
+        The camera.
+    appearance : Appearance
+        Colours and light.
+    background : ndarray of shape (H, W, 3), uint8
+        What the person is drawn over, with texture.
+    seed : int
+        Of the camera's noise.
+    """
+
+    face: Face
+    person: SimulatedPerson
+    performance: Performance
+    rest: NDArray[np.bool_]
+    intrinsics: Intrinsics
+    appearance: Appearance
+    background: NDArray[np.uint8]
+    seed: int
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames T."""
+        return self.performance.n_frames
+
+    def vertices(self, frame: int) -> NDArray[np.float64]:
+        """Return all parts of the person in a frame, (V, 3), millimetres, in model space, the eyes turned."""
+        posed = self.person.pose(self.performance.weights[frame]).astype(np.float64)
+        for name, kind in self.face.rigid_parts.items():
+            if kind == "eye":
+                start, stop = self.face.topology.parts[name]
+                centre = posed[start:stop].mean(axis=0)
+                yaw, pitch = self.performance.gaze[frame, 0 if centre[0] < 0 else 1]
+                turn = rotation_from_vector([0.0, yaw, 0.0]) @ rotation_from_vector([-pitch, 0.0, 0.0])
+                posed[start:stop] = (posed[start:stop] - centre) @ turn.T + centre
+        return posed
+
+    def motion(self, frame: int) -> RigidMotion:
+        """Return camera_from_model of a frame."""
+        return RigidMotion(self.performance.rotations[frame], self.performance.translations[frame])
+
+    def images(self) -> Iterator[NDArray[np.uint8]]:
+        """Draw the frames, one after the other: (480, 640, 3), uint8, sRGB."""
+        look = self.appearance
+        faces = visible_faces(self.face)
+        albedo, gloss = albedo_function(self.face, look, faces), vertex_gloss(self.face)
+        lights = Lights(look.light_directions, look.light_colours, look.sky, look.ground)
+        rng = np.random.default_rng(self.seed)
+        for frame in range(self.n_frames):
+            seen = self.motion(frame).apply(self.vertices(frame))
+            pixels = self.intrinsics.project(seen)
+            box = _box(pixels, IMAGE_SIZE)
+            image = self.background.copy()
+            part = image[box]
+            part[:] = render_mesh(
+                seen,
+                pixels - [box[1].start, box[0].start],
+                faces,
+                (part.shape[0], part.shape[1]),
+                albedo=albedo,
+                lights=lights,
+                background=part.copy(),
+                shininess=gloss,
+            ).image
+            noisy = image + _NOISE_LEVELS * rng.standard_normal(image.shape, dtype=np.float32)
+            yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def simulate_video(face: Face, rng: np.random.Generator, seconds: float = 10.0, *, rest_first: bool) -> SimulatedVideo:
+    """Draw a person, an appearance and a performance.
+
+    Parameters
+    ----------
+    face : Face
+        All parts of it.
+    rng : numpy.random.Generator
+        Source of randomness.
+    seconds : float
+        Length, at 25 frames a second.
+    rest_first : bool
+        Whether the clip begins at rest; else it begins in the middle of an expression.
+
+    Returns
+    -------
+    SimulatedVideo
+        The clip; frames are drawn when asked for.
+    """
+    person = simulate_person(face, rng)
+    performance, rest = simulate_performance(rng, seconds, FRAMES_PER_SECOND, rest_first=rest_first)
+    focal = float(rng.uniform(*_HEAD_SHARE)) * IMAGE_SIZE[0] / _HEAD_MM * _DISTANCE_MM
+    look = sample_appearance(rng)
+    return SimulatedVideo(
+        face=face,
+        person=person,
+        performance=performance,
+        rest=rest,
+        intrinsics=Intrinsics.for_image(IMAGE_SIZE, focal),
+        appearance=look,
+        background=_background(look.background, rng),
+        seed=int(rng.integers(2**31)),
+    )
+
+
+def _background(tone: tuple[int, int, int], rng: np.random.Generator) -> NDArray[np.uint8]:
+    """Return a textured wall (480, 640, 3): patches of several sizes and a few straight edges."""
+    height, width = IMAGE_SIZE
+    picture = np.broadcast_to(np.asarray(tone, dtype=np.float64), (height, width, 3)).copy()
+    for size, strength in ((40.0, 25.0), (8.0, 9.0), (1.5, 4.0)):
+        patches = ndimage.gaussian_filter(rng.standard_normal((height, width, 1)), (size, size, 0))
+        picture += strength * patches / patches.std()
+    for column in rng.integers(0, width, 4):
+        picture[:, column:] += rng.uniform(-25, 25)
+    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+
+
+def _box(pixels: NDArray[np.float64], size: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the rows and columns of the picture that the mesh may cover."""
+    low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - 2, 0, np.array(size[::-1]) - 1)
+    high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + 3, low + 1, size[::-1])
+    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
