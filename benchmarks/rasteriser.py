@@ -1,8 +1,8 @@
 """Our z-buffer beside Open3D's RaycastingScene (Embree): which triangle each of 640 x 480 pixels sees, and its depth.
 
 A face that is being fitted or drawn moves and deforms from picture to picture, so that Open3D has to build its tree
-anew each time. Its parts are timed apart: the tree, and the rays with all cores and with one. Ours uses one core and has
-no tree. Last, what drawing needs besides: three numbers per vertex, such as positions, interpolated at every pixel.
+anew each time. Its parts are timed apart: the tree, and the rays with all cores and with one. Ours uses one core and
+has no tree. Last, what drawing needs besides: three numbers per vertex, such as positions, interpolated at every pixel.
 """
 
 from __future__ import annotations
