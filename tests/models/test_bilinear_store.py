@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facewright.errors import FileFormatError, StoreError, ValueRangeError
+from facewright.errors import FileFormatError, ShapeError, StoreError, ValueRangeError
 from facewright.io.container import read_container, write_container
 from facewright.models.bilinear_store import FORMAT_VERSION, KIND, load_bilinear, save_bilinear
 
@@ -219,3 +219,46 @@ def test_bad_arguments(model, tmp_path):
     with pytest.raises(StoreError, match="does not exist"):
         save_bilinear(model, tmp_path / "no" / "m")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_labels_are_kept_and_belong_to_the_people(model, tmp_path):
+    labels = {"age": tuple(20.5 + i for i in range(15)) + (None,), "sex": ("f", "m") * 8, "glasses": (True, False) * 8}
+    labelled = replace(model, labels=labels)
+    save_bilinear(labelled, tmp_path / "m")
+    loaded = load_bilinear(tmp_path / "m")
+    assert loaded.labels == labels and loaded.labels["glasses"][0] is True
+    assert loaded.truncated(4, 3).labels == labels
+    assert load_bilinear(tmp_path / "m").model_id == model.model_id
+    with pytest.raises(ShapeError, match="one value for each of the 16 training people, got 2"):
+        replace(model, labels={"age": (1.0, 2.0)})
+    with pytest.raises(ShapeError, match="0 training people"):  # removing people for privacy must remove their labels
+        replace(labelled, identity_weights=np.zeros((0, 8)))
+
+
+def rewritten(path, change):
+    """Write a model's container again with other labels in its header."""
+    container = read_container(path, KIND, FORMAT_VERSION)
+    meta = dict(container.meta)
+    change(meta)
+    write_container(path, KIND, FORMAT_VERSION, meta, {name: bytes(block) for name, block in container.blocks.items()})
+
+
+def test_a_file_from_before_labels_has_none(saved):
+    rewritten(saved, lambda meta: meta.pop("labels"))
+    assert load_bilinear(saved).labels == {}
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        ({"version": 2, "values": {}}, "labels of version 2, this program reads version 1; update facewright"),
+        ({"version": 1, "values": {"age": [1, 2]}}, "corrupt: label 'age'"),
+        ({"version": 1, "values": {"age": [[1]] * 16}}, "corrupt: label 'age'"),
+        ({"version": 1, "values": {"age": 3}}, "corrupt"),
+        ({"values": {}}, "corrupt"),
+    ],
+)
+def test_refuses_other_labels(saved, labels, message):
+    rewritten(saved, lambda meta: meta.update(labels=labels))
+    with pytest.raises(FileFormatError, match=message):
+        load_bilinear(saved)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -106,7 +106,8 @@ def build_database_model(
 ) -> BuildDatabaseModelResult:
     """Decompose the blendshapes of a database's people by blocks of vertices and save the model.
 
-    Memory does not grow with the number of people; see `BlockedTensor`.
+    Memory does not grow with the number of people; see `BlockedTensor`. The people's labels (age, sex, ...), without
+    their names and without free texts, go into the model, where `facewright edit` finds them.
 
     Raises
     ------
@@ -147,6 +148,7 @@ def build_database_model(
             provenance=_provenance(warehouse, training, held_out, request),
             progress=progress,
         )
+    model = replace(model, labels=_labels(warehouse, training))
     seconds = time.perf_counter() - start
     unseen = _unseen_rms_mm(model, warehouse, held_out, progress) if held_out else None
     save_bilinear(model, request.out)
@@ -185,6 +187,33 @@ def _provenance(
         "n_held_out": len(held_out),
         "facewright": __version__,
     }
+
+
+def _labels(warehouse: Warehouse, names: list[str]) -> dict[str, tuple[str | int | float | bool | None, ...]]:
+    """Return what the people are labelled with, one value a person, None where it is not known.
+
+    Texts that differ from person to person are left out: they are notes or names, not kinds of people.
+    """
+    from facewright.models.label_regression import MAX_CATEGORIES
+
+    attributes = {entry.name: entry.attributes for entry in warehouse.entries()}
+    labels = {}
+    for key in sorted({key for name in names for key in attributes[name]}):
+        values = tuple(_plain(attributes[name].get(key)) for name in names)
+        if len({value for value in values if isinstance(value, str)}) <= MAX_CATEGORIES:
+            labels[key] = values
+    return labels
+
+
+def _plain(value: object) -> str | int | float | bool | None:
+    """Return a label as a number where it is one, also one that was written as text."""
+    from facewright.warehouse.query import parse_value
+
+    if isinstance(value, str):
+        return parse_value(value) if value.strip() else None
+    if isinstance(value, bool | int) or (isinstance(value, float) and np.isfinite(value)):
+        return value
+    return None
 
 
 def _contents(warehouse: Warehouse, names: list[str]) -> str:

@@ -55,6 +55,8 @@ class BilinearModel:
     topology : Topology
     provenance : mapping
         Where the model comes from (JSON values): face, seed, licence, ...
+    labels : mapping of str to tuple of N values
+        What the N training people are labelled with (age, sex, ...), None where unknown; without names of people.
     """
 
     core_rows: NDArray[np.float32]
@@ -69,6 +71,7 @@ class BilinearModel:
     expression_names: tuple[str, ...]
     topology: Topology
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    labels: Mapping[str, tuple[str | int | float | bool | None, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         sizes = check_shape("core_rows", self.core_rows, "I", "E", self.topology.n_vertices, 3)
@@ -81,6 +84,12 @@ class BilinearModel:
         check_shape("expression_covariance", self.expression_covariance, "E", "E", **sizes)
         if self.core_rows.dtype != np.float32 or not self.core_rows.flags.c_contiguous:
             raise ShapeError("core_rows must be C-contiguous float32.")
+        for name, values in self.labels.items():
+            if len(values) != len(self.identity_weights):
+                raise ShapeError(
+                    f"label {name!r} must have one value for each of the {len(self.identity_weights)} training people, "
+                    f"got {len(values)}."
+                )
 
     # --- sizes and views -----------------------------------------------------------------------------------------
 

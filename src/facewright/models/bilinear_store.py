@@ -32,6 +32,7 @@ _ARRAYS = (
 )
 _TOPOLOGY_ARRAYS = ("faces", "quads", "uv", "uv_faces", "mirror")
 _DTYPES = ("<f8", "<f4", "<i4")
+LABELS_VERSION = 1  # of the labels alone; readers from before there were any do not look for them
 
 
 def save_bilinear(model: BilinearModel, path: str | os.PathLike[str], *, max_error_mm: float = 0.05) -> float:
@@ -89,6 +90,10 @@ def save_bilinear(model: BilinearModel, path: str | os.PathLike[str], *, max_err
         "planes": [len(planes) for planes in compressed.rows],
         "max_error_mm": compressed.max_error_mm,
         "expression_names": list(model.expression_names),
+        "labels": {
+            "version": LABELS_VERSION,
+            "values": {name: list(values) for name, values in model.labels.items()},
+        },
         "provenance": dict(model.provenance) | {"model_id": model.model_id},
         "topology": {
             "name": topology.name,
@@ -101,7 +106,7 @@ def save_bilinear(model: BilinearModel, path: str | os.PathLike[str], *, max_err
     except (TypeError, ValueError) as error:
         if isinstance(error, FacewrightError):
             raise
-        raise ValueRangeError(f"provenance must hold JSON values only: {error}.") from error
+        raise ValueRangeError(f"provenance and labels must hold JSON values only: {error}.") from error
     return compressed.max_error_mm
 
 
@@ -149,9 +154,30 @@ def _model(container: Container, path: str) -> BilinearModel:
         expression_names=names,
         topology=topology,
         provenance={**meta["provenance"], "stored_max_error_mm": float(meta["max_error_mm"])},
+        labels=_labels(meta.get("labels"), len(arrays["identity_weights"]), path),
         **{name: arrays[name] for name in _ARRAYS},
     )
     return replace(model, provenance={**model.provenance, "model_id": model.model_id})
+
+
+def _labels(
+    meta: Mapping[str, Any] | None, n_people: int, path: str
+) -> dict[str, tuple[str | int | float | bool | None, ...]]:
+    """Read the training people's labels; a file from before there were any has none."""
+    if meta is None:
+        return {}
+    if meta["version"] != LABELS_VERSION:
+        raise FileFormatError(
+            f"{path} has labels of version {meta['version']}, this program reads version {LABELS_VERSION}; "
+            "update facewright."
+        )
+    labels = {str(name): tuple(values) for name, values in meta["values"].items()}
+    for name, values in labels.items():
+        if len(values) != n_people or not all(
+            value is None or isinstance(value, str | int | float) for value in values
+        ):
+            raise ValueError(f"label {name!r} that does not hold a value for each of {n_people} people")
+    return labels
 
 
 def _topology(meta: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Topology:
