@@ -12,14 +12,16 @@ from scipy.sparse.linalg import spsolve
 from facewright.errors import DegenerateError
 from facewright.faces.face import Face
 from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
-from facewright.imaging.component_mask import SkinPixels
+from facewright.imaging.component_mask import SkinPixels, facing_camera
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.resample import resample
-from facewright.mesh.normals import vertex_normals
 from facewright.numeric.check import check_shape
 
 _DEPTH_TOLERANCE_MM = 3.0
-_GRAZING = (0.10, 0.30)  # cosine of normal and ray: below, a picture does not show the skin; above, it does
+# Cosine of normal and ray in the picture over that in the wanted view: below, detail is missing; above, it is not.
+_FORESHORTENING = (0.25, 0.5)
+_GRAZING = 0.05  # cosine below which a picture does not show the skin
+_SLIVER_MM = 2.5  # half the width of what a picture may fail to show between things that it shows
 _MAX_UNKNOWNS = 40_000  # of the map across one opening; larger ones are solved on a coarser grid
 
 
@@ -78,13 +80,16 @@ def align_picture(photo: NDArray[np.uint8], source: MeshView, face: Face, target
     if not covered.any():
         raise DegenerateError("the wanted view must show the face, got one that shows no skin.")
     n = face.n_skin
-    depth, facing = _depth_map(photo, source, face), _facing(source, face)
-    values = target.interpolate(np.column_stack([source.pixels[:n], source.depth[:n], facing]))
+    depth, facing = _depth_map(photo, source, face), facing_camera(source, face)
+    values = target.interpolate(np.column_stack([source.pixels[:n], source.depth[:n], facing, target.facing]))
     flow = np.ascontiguousarray(values[..., :2])
-    seen = _seen(flow, values[..., 2], values[..., 3], depth) * covered
+    low, high = _FORESHORTENING
+    share = values[..., 3] / np.maximum(values[..., 4], 0.1)
+    seen = _ahead(flow, values[..., 2], depth) * np.clip((share - low) / (high - low), 0, 1) * covered
+    seen[values[..., 3] < _GRAZING] = 0
     known = covered | target.openings
     _continue_into(flow, target.openings, covered)
-    seen = _continue_seen(seen.astype(np.float32), target.openings, covered)
+    seen = _without_slivers(seen, target)
     shrinking = _shrinking(flow, covered)
     image = np.zeros((*covered.shape, 3), np.float32)
     resample(_smoothed(photo, shrinking), flow[..., 0], flow[..., 1], where=known, out=image)
@@ -98,28 +103,14 @@ def _depth_map(photo: NDArray[np.uint8], source: MeshView, face: Face) -> NDArra
     return SkinPixels.of(face, source, (photo.shape[0], photo.shape[1])).fragments.depth
 
 
-def _facing(source: MeshView, face: Face) -> NDArray[np.float64]:
-    """Return the cosine between each skin vertex's normal and its ray to the camera, (V_skin,)."""
-    skin = face.skin().topology
-    seen = source.camera_vertices[: skin.n_vertices]
-    normals = vertex_normals(seen, skin.faces)
-    if not source.perspective:
-        return -normals[:, 2]
-    return np.asarray(-(normals * seen).sum(axis=1) / np.maximum(np.linalg.norm(seen, axis=1), 1e-9))
-
-
-def _seen(
-    flow: NDArray[np.float32], depth: NDArray[np.float32], facing: NDArray[np.float32], nearest: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Return how well a picture shows points, from its z-buffer and how they face it."""
+def _ahead(flow: NDArray[np.float32], depth: NDArray[np.float32], nearest: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Tell whether points are in front in a picture, from its z-buffer."""
     height, width = nearest.shape
     x = np.clip(np.round(flow[..., 0]).astype(int), 0, width - 1)
     y = np.clip(np.round(flow[..., 1]).astype(int), 0, height - 1)
     # the deepest of the neighbouring pixels, so that steep but visible skin does not hide itself
     around = ndimage.maximum_filter(np.where(np.isfinite(nearest), nearest, -np.inf), 3)
-    ahead = depth <= around[y, x] + _DEPTH_TOLERANCE_MM
-    low, high = _GRAZING
-    return np.clip((facing - low) / (high - low), 0, 1) * ahead
+    return np.asarray(depth <= around[y, x] + _DEPTH_TOLERANCE_MM)
 
 
 def _continue_into(flow: NDArray[np.float32], openings: NDArray[np.bool_], covered: NDArray[np.bool_]) -> None:
@@ -163,16 +154,22 @@ def _harmonic(values: NDArray[np.float32], inside: NDArray[np.bool_], known: NDA
     return np.asarray(spsolve(matrix.tocsc(), right), dtype=np.float32).reshape(n, -1)
 
 
-def _continue_seen(
-    seen: NDArray[np.float32], openings: NDArray[np.bool_], covered: NDArray[np.bool_]
-) -> NDArray[np.float32]:
-    """An opening is seen as well as the skin around it, on average."""
-    labels, count = ndimage.label(openings)
+def _without_slivers(seen: NDArray[np.floating], target: SkinPixels) -> NDArray[np.float32]:
+    """Return how well pixels are seen, with openings and thin slivers as well as the skin around them.
+
+    Inner rims of lips and lids hide themselves in one picture or the other; what lies next to them is seen, and the
+    map goes on smoothly.
+    """
+    picture = np.where(target.openings, 0.0, seen).astype(np.float32)
+    area = float(target.fragments.covered.sum())  # of a head of about 150 x 220 mm
+    radius = max(1, round(_SLIVER_MM * np.sqrt(area) / 180.0))
+    closed = ndimage.grey_closing(picture, size=2 * radius + 1)
+    labels, count = ndimage.label(target.openings, np.ones((3, 3)))
     if count:
-        around = ndimage.grey_dilation(labels, size=(3, 3)) * covered
-        mean = np.nan_to_num(ndimage.mean(seen, around, np.arange(1, count + 1)))
-        seen = np.where(openings, np.concatenate([[0.0], mean])[labels], seen)
-    return seen
+        around = ndimage.grey_dilation(labels, size=2 * radius + 1) * target.fragments.covered
+        mean = np.nan_to_num(ndimage.mean(closed, around, np.arange(1, count + 1)))
+        closed = np.where(target.openings, np.concatenate([[0.0], mean])[labels], closed)
+    return np.asarray(closed, dtype=np.float32)
 
 
 def _shrinking(flow: NDArray[np.float32], covered: NDArray[np.bool_]) -> float:

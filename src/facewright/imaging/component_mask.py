@@ -16,6 +16,7 @@ from facewright.faces.face import Face
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.mesh.geodesics import path_graph
+from facewright.mesh.normals import vertex_normals
 from facewright.numeric.check import check_choice
 
 COMPONENTS = ("mouth", "eyes", "brows", "nose", "face")
@@ -173,11 +174,14 @@ class SkinPixels:
         The skin's triangles.
     openings : ndarray of shape (H, W), bool
         Pixels between lips or lids: enclosed by skin, not skin.
+    facing : ndarray of shape (V_skin,)
+        Cosine between each vertex's normal and its ray to the camera.
     """
 
     fragments: Fragments
     faces: NDArray[np.int32]
     openings: NDArray[np.bool_]
+    facing: NDArray[np.float64]
 
     @classmethod
     def of(cls, face: Face, view: MeshView, size: tuple[int, int]) -> SkinPixels:
@@ -188,11 +192,22 @@ class SkinPixels:
             view.pixels[:n], view.depth[:n], skin.faces, size, perspective=view.perspective, cull_back_faces=True
         )
         covered = fragments.covered
-        return cls(fragments, skin.faces, ndimage.binary_fill_holes(covered) & ~covered)
+        openings = ndimage.binary_fill_holes(covered) & ~covered
+        return cls(fragments, skin.faces, openings, facing_camera(view, face))
 
     def interpolate(self, attributes: NDArray[np.floating]) -> NDArray[np.float32]:
         """Interpolate attributes (V, C) of the skin's vertices to (H, W, C); 0 where no skin is seen."""
-        return self.fragments.interpolate(self.faces, np.asarray(attributes)[: int(self.faces.max()) + 1])
+        return self.fragments.interpolate(self.faces, np.asarray(attributes)[: len(self.facing)])
+
+
+def facing_camera(view: MeshView, face: Face) -> NDArray[np.float64]:
+    """Return the cosine between each skin vertex's normal and its ray to the camera, (V_skin,)."""
+    skin = face.skin().topology
+    seen = view.camera_vertices[: skin.n_vertices]
+    normals = vertex_normals(seen, skin.faces)
+    if not view.perspective:
+        return np.asarray(-normals[:, 2])
+    return np.asarray(-(normals * seen).sum(axis=1) / np.maximum(np.linalg.norm(seen, axis=1), 1e-9))
 
 
 def component_pixels(pixels: SkinPixels, level: NDArray[np.floating]) -> NDArray[np.float32]:
