@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.errors import MissingFaceError, NoFaceError, ValueRangeError
-from facewright.fitting.gaze import find_gaze, set_gaze
+from facewright.fitting.gaze import Eyeballs, find_gaze
 from facewright.fitting.image import PhotoFit, PhotoFitOptions, PhotoFitter
+from facewright.fitting.landmark_residual import CarriedResidual
 from facewright.imaging.mesh_view import MeshView
 from facewright.landmarks.points import Landmarks
 from facewright.models.blendshapes import BlendshapeRig
@@ -61,7 +62,7 @@ class PhotoSubject:
     gaze : ndarray of shape (2, 2), radians
         Yaw and pitch of the right and the left eyeball in the photo, relative to the head.
     residual : ndarray of shape (V, 3), millimetres
-        What is added to every mesh in model space so that it meets the photo's landmarks.
+        What is added to the photo's own mesh in model space so that it meets the landmarks.
     remarks : tuple of str
         What a user should know: sentences.
     """
@@ -109,11 +110,14 @@ class PhotoSubject:
             Another gaze; the photo's where absent. Eyeballs turn by the gaze alone.
         """
         beta = self.weights if weights is None else np.asarray(weights, dtype=np.float64)
-        neutral, posed = self.rig.neutral.astype(np.float64), self.rig.pose(beta).astype(np.float64)
+        posed = self.rig.pose(beta).astype(np.float64)
+        eyeballs = self._eyeballs
         if identity_weights is not None:
-            neutral = neutral + self._identity_change(identity_weights, np.zeros_like(beta))
-            posed = posed + self._identity_change(identity_weights, beta)
-        return set_gaze(self.face, neutral, posed, self.gaze if gaze is None else gaze)
+            posed += self._identity_change(identity_weights, beta)
+            neutral = self.rig.neutral + self._identity_change(identity_weights, np.zeros_like(beta))
+            eyeballs = Eyeballs(self.face, neutral)
+        eyeballs.turn(posed, self.gaze if gaze is None else gaze)
+        return posed
 
     def view(self, vertices: NDArray[np.floating], camera_from_model: RigidMotion | None = None) -> MeshView:
         """Return how the photo's camera sees a mesh, moved by the residual.
@@ -127,8 +131,16 @@ class PhotoSubject:
         """
         check_shape("vertices", vertices, self.face.topology.n_vertices, 3)
         motion = self.camera_from_model if camera_from_model is None else camera_from_model
-        seen = motion.apply(np.asarray(vertices, dtype=np.float64) + self.residual)
+        seen = motion.apply(np.asarray(vertices, dtype=np.float64) + self._carried.at(vertices))
         return MeshView(self.intrinsics.project(seen), seen)
+
+    @cached_property
+    def _eyeballs(self) -> Eyeballs:
+        return Eyeballs(self.face, self.rig.neutral)
+
+    @cached_property
+    def _carried(self) -> CarriedResidual:
+        return CarriedResidual(self.face, self.residual, self.vertices())
 
     @cached_property
     def source(self) -> MeshView:

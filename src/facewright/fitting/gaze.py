@@ -52,23 +52,35 @@ def _sphere_centre(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.lstsq(A, (p**2).sum(axis=1), rcond=None)[0][:3]) + middle
 
 
-def set_gaze(
-    face: Face, neutral: NDArray[np.floating], vertices: NDArray[np.floating], gaze: NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """Return vertices (V, 3) with both eyeballs those of `neutral`, turned by `gaze` (2, 2): right and left.
+class Eyeballs:
+    """Both eyeballs of a person at rest, to be turned by a gaze.
 
-    Eyeballs keep their exact shape. Blendshapes that turn them (a look down) are without effect: the gaze says it all.
+    Parameters
+    ----------
+    face : Face
+        All parts of it.
+    neutral : ndarray of shape (V, 3), millimetres
+        The person at rest, in model space.
     """
-    check_shape("gaze", gaze, 2, 2)
-    result = np.array(vertices, dtype=np.float64)
-    rest = np.asarray(neutral, dtype=np.float64)
-    for side, (yaw, pitch) in zip(SIDES, np.asarray(gaze, dtype=np.float64), strict=True):
-        ids = eyeball_of(face, side)
-        centre, axis = eyeball_frame(face, side, rest)
-        own = gaze_of_axis(axis)
-        turn = turn_of_gaze(yaw, pitch) @ turn_of_gaze(*own).T
-        result[ids] = (rest[ids] - centre) @ turn.T + centre
-    return result
+
+    def __init__(self, face: Face, neutral: NDArray[np.floating]) -> None:
+        rest = np.asarray(neutral, dtype=np.float64)
+        self._balls = []
+        for side in SIDES:
+            ids = eyeball_of(face, side)
+            centre, axis = eyeball_frame(face, side, rest)
+            straight = (rest[ids] - centre) @ turn_of_gaze(*gaze_of_axis(axis))  # undoes the turn at rest
+            self._balls.append((ids, centre, straight))
+
+    def turn(self, vertices: NDArray[np.float64], gaze: NDArray[np.floating]) -> None:
+        """Put the eyeballs, turned by `gaze` (2, 2), into `vertices` (V, 3), in place.
+
+        They keep their exact shape and place; blendshapes that turn them (a look down) are without effect, since the
+        gaze says it all.
+        """
+        check_shape("gaze", gaze, 2, 2)
+        for (ids, centre, straight), (yaw, pitch) in zip(self._balls, np.asarray(gaze, np.float64), strict=True):
+            vertices[ids] = straight @ turn_of_gaze(yaw, pitch).T + centre
 
 
 def gaze_of_axis(axis: NDArray[np.floating]) -> tuple[float, float]:

@@ -11,6 +11,7 @@ from scipy import sparse
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.errors import DegenerateError
+from facewright.faces.contact import face_contacts
 from facewright.faces.face import Face
 from facewright.faces.pieces import FacePieces, Followers, face_pieces
 from facewright.mesh.laplacian import cotangent_laplacian, mass_matrix
@@ -24,6 +25,8 @@ _REACH_MM = 15.0
 _EXPECTED_MM = 4.0
 #: Fewest points that a field is made from.
 _MIN_POINTS = 8
+#: Lips and lids nearer than this in the photo's fit are closed: the photo does not tell how they part.
+_CLOSED_MM = 0.3
 #: A point is left out if the others predict it worse than so many standard deviations.
 _BAD_SIGMAS = 4.5
 #: At most this share of the points is left out.
@@ -97,6 +100,9 @@ class SmoothField:
         self._solver = SymmetricSolver(_field_energy(face, self._pieces, self.surface, self._number))
         self._followers = Followers(rest[self.surface], rest[self._pieces.loose])
         self._jaw_share = _jaw_share(face)
+        contacts = face_contacts(rest, face.topology, self._pieces.surface_faces)
+        # the upper lid alone goes to the lower one
+        self.contacts = [contact for name, contact in contacts.items() if not name.startswith("lower_lid")]
 
     def columns(self, anchors: Anchors) -> NDArray[np.float64]:
         """Return the field's covariance of all surface vertices with the anchors, (S, K), up to a factor."""
@@ -260,3 +266,41 @@ def _robust_kriging(
             break
         use[ids[worst]] = False
     return coefficients
+
+
+class CarriedResidual:
+    """The residual of a photo on other expressions of the same person.
+
+    It stays with the skin, but for what opens or closes lips and lids against each other: that part shrinks in
+    proportion as they close, so that they meet where the model's do. On the photo's own mesh it is the residual itself,
+    to the last bit.
+
+    Parameters
+    ----------
+    face : Face
+        All parts of it.
+    displacement : ndarray of shape (V, 3), millimetres
+        Of `LandmarkResidual.displacement`.
+    source : ndarray of shape (V, 3), millimetres
+        The mesh it was found for.
+    """
+
+    def __init__(self, face: Face, displacement: NDArray[np.floating], source: NDArray[np.floating]) -> None:
+        check_shape("displacement", displacement, face.topology.n_vertices, 3)
+        check_shape("source", source, face.topology.n_vertices, 3)
+        self.displacement = np.asarray(displacement, dtype=np.float64)
+        self._contacts = smooth_field(face).contacts
+        self._source_gaps = [contact.offsets(source)[:, 1] for contact in self._contacts]
+        self._parting = [contact.offsets(self.displacement) for contact in self._contacts]
+
+    def at(self, vertices: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return the displacement (V, 3), millimetres, of another expression or shape (V, 3) in model space."""
+        moved = self.displacement
+        for contact, gaps, parting in zip(self._contacts, self._source_gaps, self._parting, strict=True):
+            ratio = contact.offsets(vertices)[:, 1] / np.maximum(gaps, _CLOSED_MM)
+            ratio = np.where(gaps > _CLOSED_MM, np.clip(ratio, 0.0, 1.0), 1.0)
+            if (ratio < 1.0).any():
+                if moved is self.displacement:
+                    moved = self.displacement.copy()
+                contact.change(moved, (ratio - 1.0)[:, None] * parting)
+        return moved
