@@ -2,24 +2,228 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
-from scipy.sparse.linalg import spsolve
+from scipy import ndimage
 
 from facewright.faces.face import Face
+from facewright.imaging._warp_kernels import compose, gather_skin, mark_breaks
+from facewright.imaging.jacobian import Untangled, untangle
+from facewright.imaging.membrane import stretch_membrane
 from facewright.imaging.mesh_view import MeshView
-from facewright.imaging.rasterise import rasterise
-from facewright.mesh.normals import vertex_normals
+from facewright.imaging.rasterise import Fragments, rasterise
+from facewright.imaging.source_surface import BODY, SourceSurface
 from facewright.numeric.check import check_shape
 
-_DEPTH_TOLERANCE_MM = 2.0
-_CELLS = 72  # of the coarse grid, along the longer side of the box
+_CELLS = 56  # of the lattice, along the head
+_DATA, _OUTLINE, _PINNED, _BORDER = 4.0, 1.0, 1.5, 4.0  # strengths, beside a membrane of stiffness 1
+_HAIR = 0.14  # as a share of the head's size: so far out everything follows nearly rigidly
+_SOFT = 0.2  # stiffness beyond
+_REACH, _PER_DISPLACEMENT = 0.22, 2.6  # beyond the hair: share of the head, multiples of the largest displacement
+_NECK = 0.35  # the neck's length as a share of the head: its base stays
+_FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
+_FAR = 0.08  # a silhouette that slides farther, as a share of the head, tells less
+_LEAST = 0.012  # pixels: smaller displacements are none
 
 
-def displacement_field(
-    source: MeshView, target: MeshView, face: Face, size: tuple[int, int], margin: float = 0.45
-) -> NDArray[np.float32]:
+@dataclass(frozen=True, eq=False)
+class HeadMap:
+    """Where the pixels of a box of the target picture lie in the photo.
+
+    Parameters
+    ----------
+    origin : (x, y)
+        First pixel of the box.
+    displacement : ndarray of shape (h, w, 2), float32, pixels
+        Source position minus target position; exactly 0 where nothing moves.
+    fragments : Fragments
+        What the pixels of a smaller box see of the mesh; the box starts at `fragments_origin`.
+    layer : ndarray, uint8
+        Kind of what they see (`HEAD`, `INNER`), 0 for none, and for the neck.
+    fragments_origin : (x, y)
+        First pixel of that box.
+    share : ndarray of shape (h, w), float32
+        How far the mesh itself decides a pixel's displacement.
+    smallest_jacobian : float
+        Smallest determinant of the map, but at true occlusions.
+    """
+
+    origin: tuple[int, int]
+    displacement: NDArray[np.float32]
+    fragments: Fragments
+    layer: NDArray[np.uint8]
+    fragments_origin: tuple[int, int]
+    share: NDArray[np.float32]
+    smallest_jacobian: float
+
+
+class HeadField:
+    """Inverse maps from target views of one head to the photo that it was fitted to.
+
+    Parameters
+    ----------
+    surface : SourceSurface
+        What the photo shows.
+    size : (height, width)
+        Size of the photo.
+    """
+
+    def __init__(self, surface: SourceSurface, size: tuple[int, int]) -> None:
+        self.surface, self.size = surface, size
+        self.step = max(1, round(surface.head_size / _CELLS))
+        rows, cols = -(-size[0] // self.step), -(-size[1] // self.step)
+        self._lattice = (rows, cols)
+        self._head = np.unique(surface.faces[surface.kinds != BODY])
+        self._told = self._head[surface.weights[self._head, 0] > 0.2]
+        neck = np.unique(surface.faces[surface.kinds == BODY])
+        self._moving = np.union1d(self._head, neck[surface.weights[neck, 3] > 0])
+        view = surface.view
+        seen = rasterise(
+            (view.pixels + 0.5) / self.step - 0.5, view.depth, surface.faces, (rows, cols), perspective=view.perspective
+        )
+        self._was_head = seen.covered & (surface.kinds[np.maximum(seen.face_index, 0)] != BODY)
+        self._table = np.array([*surface.outline_origin, surface.outline_scale], np.float32)
+
+    def map_of(self, target: MeshView) -> HeadMap | None:
+        """Return the map from a target view, or None where nothing moves.
+
+        Raises
+        ------
+        ShapeError
+            If the view does not have the face's vertices.
+        """
+        surface = self.surface
+        check_shape("target.pixels", target.pixels, len(surface.weights), 2)
+        source = surface.view.pixels
+        motion = source[self._head] - target.pixels[self._head]
+        if not np.abs(motion).max() > 0:
+            return None
+        boxes = self._boxes(target)
+        if boxes is None:
+            return None
+        x0, y0, x1, y1 = boxes
+        shifted = target.pixels - (x0, y0)
+        seen = rasterise(shifted, target.depth, surface.faces, (y1 - y0, x1 - x0), perspective=target.perspective)
+        told = source[self._told] - target.pixels[self._told]
+        largest = float(np.linalg.norm(told, axis=1).max()) if len(told) else 0.0
+        window, reach = self._window(boxes, largest)
+        cells = np.zeros((8, window[2], window[3]), np.float32)
+        attributes = np.concatenate([source.astype(np.float32), surface.weights], axis=1)
+        own, blend, layer = gather_skin(
+            seen.face_index,
+            seen.barycentric,
+            (x0, y0),
+            surface.faces,
+            surface.kinds,
+            attributes,
+            surface.outline,
+            self._table,
+            self.step,
+            window,
+            cells,
+            np.float32(_FAR * surface.head_size),
+        )
+        field, solid = self._extend(cells, window, reach, largest, target)
+        s = self.step
+        left, top = window[1] * s, window[0] * s
+        size = (min(window[2] * s, self.size[0] - top), min(window[3] * s, self.size[1] - left))
+        displacement, share = compose(
+            field, solid, (left, top), size, window, s, own, blend, (x0, y0), np.float32(_LEAST)
+        )
+        breaks = mark_breaks(seen.depth, layer, np.float32(self._depth_jump(target)))
+        done: Untangled = untangle(displacement, breaks, (x0 - left, y0 - top))
+        return HeadMap((left, top), displacement, seen, layer, (x0, y0), share, done.smallest)
+
+    def _boxes(self, target: MeshView) -> tuple[int, int, int, int] | None:
+        """Return the box (x0, y0, x1, y1) of the target's head and neck in the picture; None where it lies outside."""
+        pixels = target.pixels[self._moving]
+        lo, hi = np.floor(pixels.min(axis=0)).astype(int) - 1, np.ceil(pixels.max(axis=0)).astype(int) + 2
+        x0, y0, x1, y1 = max(lo[0], 0), max(lo[1], 0), min(hi[0], self.size[1]), min(hi[1], self.size[0])
+        return None if x1 <= x0 or y1 <= y0 else (int(x0), int(y0), int(x1), int(y1))
+
+    def _window(self, box: tuple[int, int, int, int], largest: float) -> tuple[tuple[int, int, int, int], float]:
+        """Return first row, first column, rows and columns of the lattice's part that moves, and its reach, pixels."""
+        size = self.surface.head_size
+        reach = _HAIR * size + max(_REACH * size, _PER_DISPLACEMENT * largest)
+        rows, cols = np.nonzero(self._was_head)
+        s = self.step
+        top, left, bottom, right = box[1] // s, box[0] // s, -(-box[3] // s), -(-box[2] // s)
+        if len(rows):
+            top, bottom = min(top, rows.min()), max(bottom, rows.max() + 1)
+            left, right = min(left, cols.min()), max(right, cols.max() + 1)
+        wide = int(np.ceil(reach / s)) + 3
+        top, left = max(int(top) - wide, 0), max(int(left) - wide, 0)
+        bottom, right = min(int(bottom) + wide, self._lattice[0]), min(int(right) + wide, self._lattice[1])
+        return (top, left, bottom - top, right - left), reach
+
+    def _extend(
+        self,
+        cells: NDArray[np.float32],
+        window: tuple[int, int, int, int],
+        reach: float,
+        largest: float,
+        target: MeshView,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the field (2, rows, columns) on the lattice, and how solid the head's silhouette is there."""
+        surface, s = self.surface, self.step
+        top, left, rows, cols = window
+        area = np.float32(s * s)
+        cover = cells[0] / area
+        was = self._was_head[top : top + rows, left : left + cols]
+        distance = ndimage.distance_transform_edt(~(was | (cover > 0.3))) * s if was.any() or cover.any() else None
+        if distance is None:
+            return np.zeros((2, rows, cols), np.float32), np.zeros((rows, cols), np.float32)
+        hair = _HAIR * surface.head_size
+        away = np.clip((distance - hair) / max(reach - hair, 1e-6), 0, 1)
+        stiffness = _SOFT + (1 - _SOFT) * np.clip(2 - distance / hair, 0, 1)
+        # gather_skin adds data and outline into the same moments, by pixel counts
+        scale = _DATA / area
+        weight = np.empty((2, rows, cols), np.float32)
+        weight[:] = scale * (cells[1] + _OUTLINE / _DATA * cells[4])
+        moment = scale * cells[2:4]
+        # beside the jaw the neck is squeezed or stretched, there is no seam
+        free = np.clip(distance / (_FREE * surface.head_size), 0, 1).astype(np.float32)
+        weight += scale * free * cells[5]
+        moment += scale * free * cells[6:8]
+        weight += self._pinned(window, largest, target)
+        # nothing is looked up beyond the picture's border
+        if left == 0:
+            weight[0, :, 0] += _BORDER
+        if left + cols == self._lattice[1]:
+            weight[0, :, -1] += _BORDER
+        if top == 0:
+            weight[1, 0] += _BORDER
+        if top + rows == self._lattice[0]:
+            weight[1, -1] += _BORDER
+        field = stretch_membrane(weight, moment, stiffness, away >= 1)
+        solid = ndimage.minimum_filter(np.minimum(cover, 1), 3, mode="nearest")
+        return field, solid.astype(np.float32)
+
+    def _pinned(self, window: tuple[int, int, int, int], largest: float, target: MeshView) -> NDArray[np.float32]:
+        """Return how firmly each cell is held where it is: the base of the neck, shoulders, (rows, columns)."""
+        surface, s = self.surface, self.step
+        top, left, rows, cols = window
+        x = (np.arange(cols) + left + 0.5) * s - 0.5
+        y = (np.arange(rows) + top + 0.5) * s - 0.5
+        moved = target.pixels[self.surface.chin_vertex]
+        lowest = max(float(surface.chin @ surface.down), float(moved @ surface.down))
+        below = y[:, None] * surface.down[1] + x[None, :] * surface.down[0] - lowest
+        start = 0.04 * surface.head_size
+        length = max(_NECK * surface.head_size, 2.0 * largest)
+        t = np.clip((below - start) / length, 0, 1)
+        return np.asarray(_PINNED * t * t, dtype=np.float32)
+
+    def _depth_jump(self, target: MeshView) -> float:
+        """Return the step in depth, millimetres, between neighbouring pixels of two different surfaces."""
+        vertices = target.camera_vertices[self._head]
+        pixels = target.pixels[self._head]
+        millimetres = np.ptp(vertices[:, 1]) / max(float(np.ptp(pixels[:, 1])), 1e-6)
+        return 1.0 + 4.0 * float(millimetres)
+
+
+def displacement_field(source: MeshView, target: MeshView, face: Face, size: tuple[int, int]) -> NDArray[np.float32]:
     """Return, for every pixel of the target picture, where it lies in the source picture, relative to itself.
 
     Parameters
@@ -30,8 +234,6 @@ def displacement_field(
         Its topology.
     size : (height, width)
         Size of both pictures.
-    margin : float
-        Reach of the field around the head, as a share of its size.
 
     Returns
     -------
@@ -43,88 +245,9 @@ def displacement_field(
     ShapeError
         If a view does not have the face's vertices.
     """
-    V = face.topology.n_vertices
-    check_shape("source.pixels", source.pixels, V, 2)
-    check_shape("target.pixels", target.pixels, V, 2)
     result = np.zeros((*size, 2), np.float32)
-    motion = source.pixels - target.pixels
-    if not np.abs(motion).max() > 0:
-        return result
-    n, faces = face.n_skin, face.topology.faces
-    trust = _trust(source, face, size)
-    x0, y0, x1, y1 = _box(source, target, n, size, margin)
-    if x1 <= x0 or y1 <= y0:
-        return result
-    shifted = target.pixels - (x0, y0)
-    box_size = (y1 - y0, x1 - x0)
-    fragments = rasterise(shifted, target.depth, faces, box_size, perspective=target.perspective)
-    values = fragments.interpolate(faces, np.column_stack([motion, trust]))
-    inner, weight = values[..., :2], values[..., 2]
-    weight = np.where(fragments.covered, weight, 0).astype(np.float32)
-    outer = _extend(inner, weight)
-    step = max(box_size) / _CELLS
-    soft = ndimage.gaussian_filter(np.minimum(weight, ndimage.minimum_filter(weight, int(2 * step) | 1)), 0.6 * step)
-    soft = np.clip(soft, 0, 1)[..., None]
-    result[y0:y1, x0:x1] = soft * inner + (1 - soft) * outer
+    found = HeadField(SourceSurface.of(source, face), size).map_of(target)
+    if found is not None:
+        (x, y), (h, w) = found.origin, found.displacement.shape[:2]
+        result[y : y + h, x : x + w] = found.displacement
     return result
-
-
-def _trust(source: MeshView, face: Face, size: tuple[int, int]) -> NDArray[np.float64]:
-    """Return how far the photo shows each vertex, and the mesh is where the photo's surface is, (V,) in [0, 1]."""
-    faces, n = face.topology.faces, face.n_skin
-    lo = np.floor(source.pixels[:n].min(axis=0)) - 2
-    hi = np.ceil(source.pixels[:n].max(axis=0)) + 2
-    scale = 400.0 / max(*(hi - lo), 1.0)
-    shape = tuple(np.ceil((hi - lo)[::-1] * scale).astype(int) + 1)
-    at = (source.pixels - lo) * scale
-    seen = rasterise(at, source.depth, faces, shape, perspective=source.perspective)
-    nearest = ndimage.maximum_filter(np.where(seen.covered, seen.depth, 0), 3)
-    cells = np.clip(np.round(at).astype(int), 0, np.array(shape)[::-1] - 1)
-    visible = source.depth <= nearest[cells[:, 1], cells[:, 0]] + _DEPTH_TOLERANCE_MM
-    normals = vertex_normals(source.camera_vertices, faces)
-    towards = -source.camera_vertices / np.linalg.norm(source.camera_vertices, axis=1, keepdims=True)
-    facing = np.clip(((normals * towards).sum(axis=1) - 0.1) / 0.25, 0, 1)
-    region = np.ones(len(visible))
-    mean = face.mean_shape
-    chin = mean[face.topology.masks["chin"], 1].min() if "chin" in face.topology.masks else mean[:, 1].min()
-    a, b = face.topology.parts["head_and_neck"]
-    below = np.clip((chin + 10 - mean[a:b, 1]) / 15.0, 0, 1)
-    region[a:b] = 0.5 * (1 - below)
-    front = face.topology.masks["face_region"]
-    region[front] = 1
-    return visible * facing * region
-
-
-def _box(
-    source: MeshView, target: MeshView, n_skin: int, size: tuple[int, int], margin: float
-) -> tuple[int, int, int, int]:
-    both = np.concatenate([source.pixels[:n_skin], target.pixels[:n_skin]])
-    lo, hi = both.min(axis=0), both.max(axis=0)
-    reach = margin * max(hi - lo)
-    lo, hi = np.floor(lo - reach).astype(int), np.ceil(hi + reach).astype(int)
-    return max(lo[0], 0), max(lo[1], 0), min(hi[0], size[1]), min(hi[1], size[0])
-
-
-def _extend(inner: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Extend displacements (H, W, 2), known as far as `weight` (H, W) says, smoothly to zero at the border."""
-    h, w = weight.shape
-    step = max(1, int(np.ceil(max(h, w) / _CELLS)))
-    rows, cols = -(-h // step), -(-w // step)
-    padded = ((0, rows * step - h), (0, cols * step - w))
-    mass = np.pad(weight, padded).reshape(rows, step, cols, step).mean(axis=(1, 3))
-    moment = np.pad(inner * weight[..., None], (*padded, (0, 0))).reshape(rows, step, cols, step, 2).mean(axis=(1, 3))
-    n = rows * cols
-    line = lambda k: sparse.diags([np.full(k, 2.0), -np.ones(k - 1), -np.ones(k - 1)], [0, 1, -1])  # noqa: E731
-    laplace = sparse.kronsum(line(cols), line(rows))  # zero beyond the border
-    matrix = laplace @ laplace * 0.5 + 0.02 * laplace + sparse.diags(20 * mass.ravel())
-    solved = spsolve(matrix.tocsc(), 20 * moment.reshape(n, 2)).reshape(rows, cols, 2)
-    edge = np.minimum.outer(
-        np.minimum(np.arange(rows), np.arange(rows)[::-1]), np.minimum(np.arange(cols), np.arange(cols)[::-1])
-    )
-    ramp = np.clip(edge / 6.0, 0, 1)
-    solved *= (ramp * ramp * (3 - 2 * ramp))[..., None]
-    y, x = (np.arange(h) + 0.5) / step - 0.5, (np.arange(w) + 0.5) / step - 0.5
-    grid = np.meshgrid(y, x, indexing="ij")
-    return np.stack(
-        [ndimage.map_coordinates(solved[..., k], grid, order=1, mode="nearest") for k in range(2)], axis=-1
-    ).astype(np.float32)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from facewright.faces.face import Face
-from facewright.imaging.displacement_field import displacement_field
+from facewright.imaging.displacement_field import HeadField, HeadMap
 from facewright.imaging.mesh_view import MeshView
-from facewright.imaging.warp import smallest_jacobian, warp_picture
+from facewright.imaging.resample import resample
+from facewright.imaging.source_surface import SourceSurface
 from facewright.numeric.check import check_shape
 
 if TYPE_CHECKING:
@@ -20,15 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SynthesisOptions:
-    """How a photo is redrawn.
-
-    Parameters
-    ----------
-    margin : float
-        Reach of the warp around the head, as a share of its size.
-    """
-
-    margin: float = 0.45
+    """How a photo is redrawn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,31 +33,49 @@ class Synthesis:
     ----------
     image : ndarray of shape (H, W, 3), uint8
         The picture.
-    touched : ndarray of shape (H, W), bool
-        Pixels that may differ from the photo.
     smallest_jacobian : float
         Smallest determinant of the map, outside true occlusions.
-    source_pixels : ndarray of shape (H, W, 2), float32
-        Where each pixel was taken from.
+    head_map : HeadMap or None
+        Where the pixels of the head's surroundings were taken from; None where nothing moved.
     """
 
     image: NDArray[np.uint8]
-    touched: NDArray[np.bool_]
     smallest_jacobian: float
-    source_pixels: NDArray[np.float32]
+    head_map: HeadMap | None
+
+    @cached_property
+    def source_pixels(self) -> NDArray[np.float32]:
+        """Where each pixel was taken from, (H, W, 2), pixels; its own place outside the margin."""
+        ys, xs = np.mgrid[: self.image.shape[0], : self.image.shape[1]].astype(np.float32)
+        at = np.stack([xs, ys], axis=-1)
+        if self.head_map is not None:
+            (x, y), (h, w) = self.head_map.origin, self.head_map.displacement.shape[:2]
+            at[y : y + h, x : x + w] += self.head_map.displacement
+        return at
+
+    @cached_property
+    def touched(self) -> NDArray[np.bool_]:
+        """Pixels that may differ from the photo, (H, W)."""
+        result = np.zeros(self.image.shape[:2], np.bool_)
+        if self.head_map is not None:
+            (x, y), (h, w) = self.head_map.origin, self.head_map.displacement.shape[:2]
+            result[y : y + h, x : x + w] = (self.head_map.displacement != 0).any(axis=2)
+        return result
 
 
 class PhotoSynthesiser:
-    """Redraws one photo for other views of its fitted face.
+    """Redraws one photo for other views of its fitted face; keeps what does not depend on the view.
 
     Parameters
     ----------
     photo : ndarray of shape (H, W, 3), uint8
+        sRGB.
     source : MeshView
         The mesh as the photo sees it, all parts.
     face : Face
         Its topology.
-    options : SynthesisOptions
+    options : SynthesisOptions, optional
+        Defaults where absent.
     inner : InnerFace, optional
         Draws what the photo did not show of mouth and eyes.
 
@@ -82,16 +94,24 @@ class PhotoSynthesiser:
         inner: InnerFace | None = None,
     ) -> None:
         check_shape("photo", photo, "H", "W", 3)
-        check_shape("source.pixels", source.pixels, face.topology.n_vertices, 2)
         self.photo, self.source, self.face = photo, source, face
         self.options = options or SynthesisOptions()
         self.inner = inner
+        self.surface = SourceSurface.of(source, face)
+        self.field = HeadField(self.surface, photo.shape[:2])
 
     def draw(self, target: MeshView, gaze: NDArray[np.floating] | None = None) -> Synthesis:
         """Return the photo with its face as in `target`; `gaze` (2, 2) turns the eyeballs, radians."""
-        size = self.photo.shape[:2]
-        field = displacement_field(self.source, target, self.face, size, self.options.margin)
-        image = warp_picture(self.photo, field)
-        ys, xs = np.mgrid[: size[0], : size[1]].astype(np.float32)
-        at = field + np.stack([xs, ys], axis=-1)
-        return Synthesis(image, (field != 0).any(axis=2), smallest_jacobian(field), at)
+        image = self.photo.copy()
+        found = self.field.map_of(target)
+        if found is None:
+            return Synthesis(image, 1.0, None)
+        (x, y), (h, w) = found.origin, found.displacement.shape[:2]
+        moved = (found.displacement != 0).any(axis=2)
+        columns, rows = np.arange(x, x + w, dtype=np.float32), np.arange(y, y + h, dtype=np.float32)[:, None]
+        part = np.ascontiguousarray(image[y : y + h, x : x + w])
+        resample(
+            self.photo, found.displacement[..., 0] + columns, found.displacement[..., 1] + rows, where=moved, out=part
+        )
+        image[y : y + h, x : x + w] = part
+        return Synthesis(image, found.smallest_jacobian, found)

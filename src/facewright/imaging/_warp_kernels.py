@@ -1,0 +1,204 @@
+"""Inner loops of the warp: what the skin says, its composition with the field around it, the map's Jacobian."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from facewright.imaging.source_surface import BODY, HEAD, INNER
+
+_BODY, _HEAD, _INNER = np.uint8(BODY), np.uint8(HEAD), np.uint8(INNER)
+
+
+@njit(cache=True, nogil=True)
+def gather_skin(  # type: ignore[no-untyped-def]
+    face_index, barycentric, origin, faces, kinds, attributes, outline, table, step, window, cells, far
+):
+    """Look the skin of a target view up in the photo, and sum up per cell of the lattice what it says.
+
+    `attributes` (V, 6): source x, y and `SourceSurface.weights`. `table`: origin x, y and scale of `outline`.
+    `window`: first row and column, rows and columns of the lattice's part. `cells` (8, rows, columns): sums of head
+    pixels, data weight, weighted x and y displacement, weight of the outline, whose displacement is added to the
+    data's; data weight of the neck and its weighted displacement. Returns displacement (h, w, 2), blending weight (h, w) and kind + 1 (h, w; 0: none) of each pixel.
+    """
+    height, width = face_index.shape
+    motion = np.zeros((height, width, 2), np.float32)
+    blend = np.zeros((height, width), np.float32)
+    layer = np.zeros((height, width), np.uint8)
+    for y in range(height):
+        for x in range(width):
+            f = face_index[y, x]
+            if f >= 0 and kinds[f] != _BODY:
+                layer[y, x] = kinds[f]
+    t_rows, t_cols = outline.shape[:2]
+    for y in range(height):
+        i = (y + origin[1]) // step - window[0]
+        for x in range(width):
+            f = face_index[y, x]
+            if f < 0:
+                continue
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            wa, wb, wc = barycentric[y, x, 0], barycentric[y, x, 1], barycentric[y, x, 2]
+            px, py = np.float32(x + origin[0]), np.float32(y + origin[1])
+            sx = wa * attributes[a, 0] + wb * attributes[b, 0] + wc * attributes[c, 0]
+            sy = wa * attributes[a, 1] + wb * attributes[b, 1] + wc * attributes[c, 1]
+            j = (x + origin[0]) // step - window[1]
+            data = wa * attributes[a, 3] + wb * attributes[b, 3] + wc * attributes[c, 3]
+            if layer[y, x] == 0:
+                part = wa * attributes[a, 5] + wb * attributes[b, 5] + wc * attributes[c, 5]
+                cells[5, i, j] += data
+                cells[6, i, j] += data * part * (sx - px)
+                cells[7, i, j] += data * part * (sy - py)
+                continue
+            motion[y, x, 0], motion[y, x, 1] = sx - px, sy - py
+            cells[0, i, j] += 1
+            if layer[y, x] == _HEAD:
+                blend[y, x] = wa * attributes[a, 2] + wb * attributes[b, 2] + wc * attributes[c, 2]
+                cells[1, i, j] += data
+                cells[2, i, j] += data * (sx - px)
+                cells[3, i, j] += data * (sy - py)
+            on_outline = (
+                (x > 0 and layer[y, x - 1] == 0)
+                or (x < width - 1 and layer[y, x + 1] == 0)
+                or (y > 0 and layer[y - 1, x] == 0)
+                or (y < height - 1 and layer[y + 1, x] == 0)
+            )
+            if on_outline:
+                tx = min(max(int(np.rint((sx - table[0]) * table[2])), 0), t_cols - 1)
+                ty = min(max(int(np.rint((sy - table[1]) * table[2])), 0), t_rows - 1)
+                ex, ey = outline[ty, tx, 0], outline[ty, tx, 1]
+                away = ((ex - sx) ** 2 + (ey - sy) ** 2) / (far * far)
+                ends = wa * attributes[a, 4] + wb * attributes[b, 4] + wc * attributes[c, 4]
+                weight = np.float32(np.exp(-away) * step) * ends
+                cells[4, i, j] += weight
+                cells[2, i, j] += weight * (ex - px)
+                cells[3, i, j] += weight * (ey - py)
+    return motion, blend, layer
+
+
+@njit(cache=True, nogil=True)
+def spline_weights(step):  # type: ignore[no-untyped-def]
+    """Return the four cubic B-spline weights of each pixel of a cell and the first cell's offset, (step, 4), (step,)."""
+    weights = np.zeros((step, 4), np.float32)
+    first = np.zeros(step, np.int64)
+    for p in range(step):
+        at = (p + 0.5) / step - 0.5
+        base = int(np.floor(at))
+        t = at - base
+        weights[p, 0] = (1 - t) ** 3 / 6
+        weights[p, 1] = (3 * t**3 - 6 * t**2 + 4) / 6
+        weights[p, 2] = (-3 * t**3 + 3 * t**2 + 3 * t + 1) / 6
+        weights[p, 3] = t**3 / 6
+        first[p] = base - 1
+    return weights, first
+
+
+@njit(cache=True, nogil=True)
+def compose(field, solid, origin, size, window, step, motion, blend, inner_origin, least):  # type: ignore[no-untyped-def]
+    """Blend the skin's own displacement into the field around it.
+
+    `field` (2, rows, columns) and `solid` (rows, columns) on the lattice are interpolated by cubic B-splines; `solid`
+    says how far inside the silhouette a pixel is. Displacements below `least` pixels become exactly 0. Returns the
+    displacement (h, w, 2) of the picture's part at `origin` of `size`, and the weight that the skin's own had.
+    """
+    rows, cols = solid.shape
+    height, width = size
+    weights, first = spline_weights(step)
+    out = np.zeros((height, width, 2), np.float32)
+    share = np.zeros((height, width), np.float32)
+    row = np.zeros((cols, 3), np.float32)
+    h, w = blend.shape
+    for y in range(height):
+        gy = y + origin[1]
+        py = gy % step
+        i0 = gy // step - window[0] + first[py]
+        for j in range(cols):
+            x0 = np.float32(0)
+            x1 = np.float32(0)
+            x2 = np.float32(0)
+            for k in range(4):
+                i = min(max(i0 + k, 0), rows - 1)
+                x0 += weights[py, k] * field[0, i, j]
+                x1 += weights[py, k] * field[1, i, j]
+                x2 += weights[py, k] * solid[i, j]
+            row[j, 0], row[j, 1], row[j, 2] = x0, x1, x2
+        v = gy - inner_origin[1]
+        for x in range(width):
+            gx = x + origin[0]
+            px = gx % step
+            j0 = gx // step - window[1] + first[px]
+            d0 = np.float32(0)
+            d1 = np.float32(0)
+            d2 = np.float32(0)
+            for k in range(4):
+                j = min(max(j0 + k, 0), cols - 1)
+                d0 += weights[px, k] * row[j, 0]
+                d1 += weights[px, k] * row[j, 1]
+                d2 += weights[px, k] * row[j, 2]
+            u = gx - inner_origin[0]
+            if 0 <= v < h and 0 <= u < w and blend[v, u] > 0:
+                s = d2 * d2 * (np.float32(3) - np.float32(2) * d2) * blend[v, u]
+                d0 += s * (motion[v, u, 0] - d0)
+                d1 += s * (motion[v, u, 1] - d1)
+                share[y, x] = s
+            size2 = d0 * d0 + d1 * d1
+            if size2 > least * least:
+                length = np.sqrt(size2)
+                scale = min(np.float32(1), (length - least) / (np.float32(2) * least))
+                out[y, x, 0] = d0 * scale
+                out[y, x, 1] = d1 * scale
+    return out, share
+
+
+@njit(cache=True, nogil=True)
+def mark_breaks(depth, layer, jump):  # type: ignore[no-untyped-def]
+    """Mark the pixels at whose right or lower side one surface ends before another: true occlusions, (h, w) bool."""
+    height, width = layer.shape
+    out = np.zeros((height, width), np.bool_)
+    for y in range(height):
+        for x in range(width):
+            if layer[y, x] == 0:
+                continue
+            if layer[y, x] == _INNER:
+                out[y, x] = True
+                if y > 0:
+                    out[y - 1, x] = True
+                if x > 0:
+                    out[y, x - 1] = True
+                if y > 0 and x > 0:
+                    out[y - 1, x - 1] = True
+                continue
+            for k in range(3):
+                v, u = y + (k > 0), x + (k != 1)
+                if v < height and u < width and layer[v, u] != 0 and abs(depth[v, u] - depth[y, x]) > jump:
+                    out[y, x] = True
+    return out
+
+
+@njit(cache=True, nogil=True)
+def jacobian_minimum(displacement, breaks, offset, bad):  # type: ignore[no-untyped-def]
+    """Return the smallest determinant over pixel cells without a break; marks the negative cells in `bad`."""
+    height, width = displacement.shape[:2]
+    h, w = breaks.shape
+    least = np.float32(1)
+    count = 0
+    one = np.float32(1)
+    for y in range(height - 1):
+        v = y - offset[1]
+        for x in range(width - 1):
+            dx = displacement[y, x, 0]
+            dy = displacement[y, x, 1]
+            xx = one + displacement[y, x + 1, 0] - dx
+            xy = displacement[y, x + 1, 1] - dy
+            yx = displacement[y + 1, x, 0] - dx
+            yy = one + displacement[y + 1, x, 1] - dy
+            det = xx * yy - xy * yx
+            if det < np.float32(0.6):
+                u = x - offset[0]
+                if 0 <= v < h and 0 <= u < w and breaks[v, u]:
+                    continue
+                least = min(least, det)
+                if det < np.float32(0.02):
+                    bad[y, x] = True
+                    count += 1
+    return least, count
