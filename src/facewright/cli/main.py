@@ -13,6 +13,7 @@ from facewright.cli import (
     build,
     capture,
     demo,
+    edit,
     evaluate,
     export,
     faces,
@@ -59,6 +60,7 @@ app.add_typer(model.app, name="model")
 app.command("build")(build.build)
 app.command("fit")(fit.fit)
 app.command("fit-scan")(fit_scan.fit_scan)
+app.command("edit")(edit.edit)
 app.command("export")(export.export)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(capture.app, name="capture")

@@ -203,6 +203,18 @@ class AttributeEditor:
             w = self._obtain(w, before, measured, hold)
         return self._edit(np.asarray(weights, dtype=np.float64), w, before)
 
+    def leakage(
+        self, weights: NDArray[np.floating] | None = None, *, form: str = "least change", hold: float = HOLD
+    ) -> NDArray[np.float64]:
+        """Return what every measured attribute does (column) when one of them is asked for by 1 (row), (A, A).
+
+        In standard deviations, at identity weights (I,), by default the population's mean: the diagonal is what is
+        obtained, the rest leakage.
+        """
+        w = self._people.mean(axis=0) if weights is None else weights
+        rows = [self.change(w, {name: 1.0}, form=form, hold=hold).change for name in self.names]
+        return np.array([[row[name] for name in self.names] for row in rows])
+
     def _obtain(
         self, w: NDArray[np.float64], before: NDArray[np.float64], measured: Mapping[str, float], hold: float
     ) -> NDArray[np.float64]:

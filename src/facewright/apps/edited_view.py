@@ -1,0 +1,40 @@
+"""How a photo's camera sees its person after a change of attributes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.camera.pinhole import RigidMotion
+from facewright.numeric.similarity import estimate_similarity
+
+if TYPE_CHECKING:
+    from facewright.apps.photo_subject import PhotoSubject
+    from facewright.imaging.mesh_view import MeshView
+
+# Points of fw74 that stay where they are as well as a rigid motion can: temples, ears, eye corners, bridge of the nose.
+_ANCHORS = (0, 1, 13, 14, 27, 31, 35, 39, 43)
+
+
+def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating[Any]]) -> MeshView:
+    """Return the view of a photo's person with other identity weights: same expression, gaze, camera and place.
+
+    The new head is put where the old one is by its eyes, ears and temples, so that a longer face has its chin lower
+    and not its eyes higher; where the model's own frame puts it would move everything a little.
+
+    Parameters
+    ----------
+    subject : PhotoSubject
+        The person.
+    identity_weights : ndarray of shape (I,)
+        The new ones.
+    """
+    vertices = subject.vertices(identity_weights=identity_weights)
+    rest = np.zeros_like(subject.weights)
+    ids = subject.face.topology.landmarks["fw74"][list(_ANCHORS)]
+    old = subject.vertices(weights=rest)[ids]
+    new = subject.vertices(identity_weights=identity_weights, weights=rest)[ids]
+    fit = estimate_similarity(new, old, with_scale=False)
+    return subject.view(vertices, subject.camera_from_model.after(RigidMotion(fit.rotation, fit.translation)))
