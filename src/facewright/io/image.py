@@ -214,7 +214,7 @@ def write_image(path: str | Path, image: NDArray[np.uint8], quality: int = 95) -
     image : ndarray of shape (H, W), (H, W, 3) or (H, W, 4), uint8
         sRGB.
     quality : int
-        1 to 100, for JPEG and WebP.
+        1 to 100, for JPEG and WebP; WebP with transparency is written without loss.
 
     Raises
     ------
@@ -231,7 +231,9 @@ def write_image(path: str | Path, image: NDArray[np.uint8], quality: int = 95) -
     if file.suffix.lower() in (".jpg", ".jpeg") and picture.mode == "RGBA":
         picture = picture.convert("RGB")
     with write_atomically(file) as temporary:
-        picture.save(temporary, format=Image.registered_extensions()[file.suffix.lower()], quality=quality)
+        # `exact` keeps colours below transparent pixels; other formats ignore both
+        kind = Image.registered_extensions()[file.suffix.lower()]
+        picture.save(temporary, format=kind, quality=quality, lossless=picture.mode == "RGBA", exact=True)
 
 
 def check_picture_suffix(path: Path) -> None:
@@ -316,7 +318,7 @@ def _remarks(picture: Image.Image, file: Path) -> tuple[str, ...]:
     frames = int(getattr(picture, "n_frames", 1))
     if frames > 1:
         remarks.append(f"{file} holds {frames} frames, the first is used.")
-    if picture.mode.startswith(("I", "F")):
+    if picture.mode.startswith(("I", "F")) or any(";16" in str(tile) for tile in picture.tile):
         remarks.append(f"{file} has more than 8 bits per channel, the result has 8.")
     if picture.mode == "CMYK":
         remarks.append(f"{file} has the colours of a printer (CMYK), the result those of a screen (sRGB).")
