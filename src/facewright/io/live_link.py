@@ -97,7 +97,7 @@ def read_face_curves(path: str | Path, *, frames_per_second: float | None = None
     Spellings that are understood: ``EyeBlinkLeft``, ``eyeBlinkLeft``, ``eyeBlink_L``, ``eye_blink_left``,
     ``blendShapes.EyeBlinkLeft``; comma, semicolon or tab; time as ``HH:MM:SS:FF.mmm``, ``HH:MM:SS.mmm``, seconds or
     frame numbers (see `facewright.io.timecode`). Rows with ``BlendShapeCount`` 0 end early and are untracked. Values
-    beyond [0, 1] are clipped, columns of other names are left out, absent shapes are zero: `FaceCurves.notes` says each.
+    beyond [0, 1] are clipped, columns of other names are left out, absent shapes are zero; `FaceCurves.notes` says so.
 
     Parameters
     ----------

@@ -1,0 +1,186 @@
+"""Performances as files: Live Link Face recordings in and out, animated glTF out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.camera.rotation import FRONTAL, head_angles_from_rotation, rotation_from_head_angles
+from facewright.errors import ValueRangeError
+from facewright.faces.blendshape_names import BLENDSHAPE_NAMES, load_name_map
+from facewright.io.live_link import CURVE_COLUMNS, SHAPE_COLUMNS, FaceCurves, read_face_curves, write_live_link
+from facewright.models.performance import Performance
+from facewright.numeric.rotation import quaternion_from_matrix
+
+if TYPE_CHECKING:
+    from facewright.mesh.topology import Topology
+    from facewright.models.blendshapes import BlendshapeRig
+
+#: Turn of an eye, radians, at which ARKit's coefficient is one: slopes of a real recording (least squares, 4,030 rows).
+LOOK_IN, LOOK_OUT, LOOK_UP, LOOK_DOWN = 0.55, 0.65, 0.44, 0.61
+_SIDES = ("Right", "Left")  # the order of `Performance.gaze`
+_EYE_ANGLES = ("RightEyeYaw", "RightEyePitch", "LeftEyeYaw", "LeftEyePitch")
+
+
+def performance_from_curves(curves: FaceCurves) -> Performance:
+    """Turn ARKit's 52 coefficients and angles into a performance of our 46 shapes.
+
+    Coefficients map by ``arkit52`` (tongue and pupils have no counterpart). Gaze comes from the eyes' angles, or from
+    ``EyeLookIn``, ``Out``, ``Up`` and ``Down`` where a table has no angles. Signs turn around: Live Link's yaw is
+    positive to the subject's right and its pitch downwards, ours to the left and upwards; roll agrees (see
+    `FaceCurves`). Untracked rows are neutral and face the camera; `facewright.apps.untracked_frames` fills them.
+    """
+    chart = load_name_map("arkit52")
+    order = [_plain(name) for name in chart.names]
+    columns = [order.index(_plain(name)) for name in SHAPE_COLUMNS]
+    shapes = curves.values[:, : len(SHAPE_COLUMNS)]
+    weights = np.clip(shapes @ chart.to_ours[:, columns].T, 0.0, 1.0)
+    angles = np.rad2deg([-curves.column("HeadYaw"), -curves.column("HeadPitch"), curves.column("HeadRoll")])
+    rotations = np.array([rotation_from_head_angles(*row) for row in angles.T]).reshape(-1, 3, 3)
+    return Performance(
+        times=curves.times,
+        names=BLENDSHAPE_NAMES,
+        weights=weights,
+        rotations=rotations,
+        translations=np.zeros((len(curves.times), 3)),
+        gaze=_gaze_from_curves(curves),
+        tracked=curves.tracked,
+    )
+
+
+def curves_from_performance(performance: Performance) -> FaceCurves:
+    """Turn a performance of our 46 shapes into ARKit's 52 coefficients and nine angles, the inverse of the above.
+
+    ``BrowInnerUp`` and ``CheekPuff`` are the means of both sides; ``EyeLookDown`` is the larger of the lids' look down
+    and of the gaze. Untracked frames become untracked rows. Where the head is does not enter: the format has no place
+    for it.
+
+    Raises
+    ------
+    ValueRangeError
+        If the performance is of other shapes than ours.
+    """
+    if set(performance.names) - set(BLENDSHAPE_NAMES):
+        other = sorted(set(performance.names) - set(BLENDSHAPE_NAMES))[0]
+        raise ValueRangeError(f"names must be of the {len(BLENDSHAPE_NAMES)} blendshapes, got {other!r}.")
+    chart = load_name_map("arkit52")
+    rows = [BLENDSHAPE_NAMES.index(name) for name in performance.names]
+    shapes = performance.weights @ chart.from_ours[:, rows].T
+    values = np.zeros((performance.n_frames, len(CURVE_COLUMNS)))
+    plain = [_plain(name) for name in SHAPE_COLUMNS]
+    for name, column in zip(chart.names, shapes.T):
+        values[:, plain.index(_plain(name))] = column
+    for side, (yaw, pitch) in zip(_SIDES, performance.gaze.transpose(1, 2, 0)):
+        outward = yaw if side == "Left" else -yaw
+        down = values[:, CURVE_COLUMNS.index(f"EyeLookDown{side}")]
+        values[:, CURVE_COLUMNS.index(f"EyeLookOut{side}")] = outward / LOOK_OUT
+        values[:, CURVE_COLUMNS.index(f"EyeLookIn{side}")] = -outward / LOOK_IN
+        values[:, CURVE_COLUMNS.index(f"EyeLookUp{side}")] = pitch / LOOK_UP
+        values[:, CURVE_COLUMNS.index(f"EyeLookDown{side}")] = np.maximum(down, -pitch / LOOK_DOWN)
+        values[:, CURVE_COLUMNS.index(f"{side}EyeYaw")] = -yaw
+        values[:, CURVE_COLUMNS.index(f"{side}EyePitch")] = -pitch
+    values[:, : len(SHAPE_COLUMNS)] = np.clip(values[:, : len(SHAPE_COLUMNS)], 0.0, 1.0)
+    head = np.deg2rad([head_angles_from_rotation(rotation) for rotation in performance.rotations]).reshape(-1, 3)
+    for name, sign, column in zip(("HeadYaw", "HeadPitch", "HeadRoll"), (-1, -1, 1), head.T):
+        values[:, CURVE_COLUMNS.index(name)] = sign * column
+    values[~performance.tracked] = 0.0
+    return FaceCurves(performance.times - performance.times[:1], values, performance.tracked)
+
+
+def read_performance(
+    path: str | Path, *, frames_per_second: float | None = None
+) -> tuple[Performance, tuple[str, ...]]:
+    """Read a Live Link Face, Audio2Face or similar CSV file; also returns what was made of its oddities.
+
+    Raises
+    ------
+    StoreError, FileFormatError
+        As `facewright.io.live_link.read_face_curves`.
+    """
+    curves = read_face_curves(path, frames_per_second=frames_per_second)
+    return performance_from_curves(curves), curves.notes
+
+
+def write_performance_csv(path: str | Path, performance: Performance) -> None:
+    """Write a performance as a Live Link Face recording, whole.
+
+    Raises
+    ------
+    StoreError, ValueRangeError
+        If the file cannot be written or the shapes are not ours.
+    """
+    write_live_link(path, curves_from_performance(performance))
+
+
+def write_performance_glb(
+    path: str | Path,
+    performance: Performance,
+    rig: BlendshapeRig,
+    topology: Topology,
+    *,
+    texture: NDArray[np.uint8] | None = None,
+    vertex_colors: NDArray[np.uint8] | None = None,
+    copyright: str = "",
+) -> None:
+    """Write a rig that plays a performance: morph targets and the turn of the head, as glTF; gaze is not in it.
+
+    Parameters
+    ----------
+    path : str or Path
+        Ends in .glb or .gltf.
+    performance : Performance
+        Frames of it that are not tracked play as they are.
+    rig : BlendshapeRig
+        Its shapes carry the performance's names.
+    topology : Topology
+        Of the rig.
+    texture, vertex_colors
+        See `facewright.apps.export.ExportRequest`.
+    copyright : str
+        Licence line.
+
+    Raises
+    ------
+    ValueRangeError
+        If the rig lacks one of the shapes.
+    StoreError
+        If the file cannot be written.
+    """
+    from facewright.apps.export import ExportRequest, RigClip, export_rig
+
+    missing = sorted(set(performance.names) - set(rig.names))
+    if missing:
+        raise ValueRangeError(f"rig must have the performance's shapes, got one without {missing[0]!r}.")
+    weights = np.zeros((performance.n_frames, len(rig.names)))
+    weights[:, [rig.names.index(name) for name in performance.names]] = performance.weights
+    turns = _continuous(quaternion_from_matrix(FRONTAL @ performance.rotations))
+    clip = RigClip("performance", performance.times - performance.times[0], weights, turns)
+    request: dict[str, Any] = {"texture": texture, "vertex_colors": vertex_colors, "copyright": copyright}
+    export_rig(ExportRequest(rig, topology, Path(path), clip=clip, **request))
+
+
+def _gaze_from_curves(curves: FaceCurves) -> NDArray[np.float64]:
+    gaze = np.zeros((len(curves.times), 2, 2))
+    has_angles = any(curves.column(name).any() for name in _EYE_ANGLES)
+    for k, side in enumerate(_SIDES):
+        if has_angles:
+            gaze[:, k] = np.stack([-curves.column(f"{side}EyeYaw"), -curves.column(f"{side}EyePitch")], axis=1)
+            continue
+        outward = LOOK_OUT * curves.column(f"EyeLookOut{side}") - LOOK_IN * curves.column(f"EyeLookIn{side}")
+        up = LOOK_UP * curves.column(f"EyeLookUp{side}") - LOOK_DOWN * curves.column(f"EyeLookDown{side}")
+        gaze[:, k] = np.stack([outward if side == "Left" else -outward, up], axis=1)
+    return gaze
+
+
+def _continuous(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Choose signs so that neighbours are near: players interpolate between them."""
+    steps = np.einsum("ij,ij->i", quaternions[:-1], quaternions[1:])
+    signs = np.concatenate([[1.0], np.cumprod(np.where(steps < 0, -1.0, 1.0))])
+    return quaternions * signs[:, None]
+
+
+def _plain(name: str) -> str:
+    return name.lower()
