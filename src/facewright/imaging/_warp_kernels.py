@@ -12,14 +12,15 @@ _BODY, _HEAD, _INNER = np.uint8(BODY), np.uint8(HEAD), np.uint8(INNER)
 
 @njit(cache=True, nogil=True)
 def gather_skin(  # type: ignore[no-untyped-def]
-    face_index, barycentric, origin, faces, kinds, attributes, outline, table, step, window, cells, far
+    face_index, barycentric, origin, faces, kinds, attributes, outline, table, step, window, cells, far, firm
 ):
     """Look the skin of a target view up in the photo, and sum up per cell of the lattice what it says.
 
     `attributes` (V, 6): source x, y and `SourceSurface.weights`. `table`: origin x, y and scale of `outline`.
     `window`: first row and column, rows and columns of the lattice's part. `cells` (8, rows, columns): sums of head
     pixels, data weight, weighted x and y displacement, weight of the outline, whose displacement is added to the
-    data's; data weight of the neck and its weighted displacement. Returns displacement (h, w, 2), blending weight (h, w) and kind + 1 (h, w; 0: none) of each pixel.
+    data's; data weight of the neck and its weighted displacement. Returns displacement (h, w, 2), blending weight
+    (h, w) and kind (h, w; 0: none, or the neck) of each pixel.
     """
     height, width = face_index.shape
     motion = np.zeros((height, width, 2), np.float32)
@@ -69,7 +70,7 @@ def gather_skin(  # type: ignore[no-untyped-def]
                 ex, ey = outline[ty, tx, 0], outline[ty, tx, 1]
                 away = ((ex - sx) ** 2 + (ey - sy) ** 2) / (far * far)
                 ends = wa * attributes[a, 4] + wb * attributes[b, 4] + wc * attributes[c, 4]
-                weight = np.float32(np.exp(-away) * step) * ends
+                weight = np.float32(np.exp(-away)) * firm * ends
                 cells[4, i, j] += weight
                 cells[2, i, j] += weight * (ex - px)
                 cells[3, i, j] += weight * (ey - py)
@@ -78,7 +79,7 @@ def gather_skin(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def spline_weights(step):  # type: ignore[no-untyped-def]
-    """Return the four cubic B-spline weights of each pixel of a cell and the first cell's offset, (step, 4), (step,)."""
+    """Return the cubic B-spline weights (step, 4) of each pixel of a cell, and where the four cells begin (step,)."""
     weights = np.zeros((step, 4), np.float32)
     first = np.zeros(step, np.int64)
     for p in range(step):

@@ -21,8 +21,8 @@ _CELLS = 56  # of the lattice, along the head
 _DATA, _OUTLINE, _PINNED, _BORDER = 4.0, 1.0, 1.5, 4.0  # strengths, beside a membrane of stiffness 1
 _HAIR = 0.14  # as a share of the head's size: so far out everything follows nearly rigidly
 _SOFT = 0.2  # stiffness beyond
-_REACH, _PER_DISPLACEMENT = 0.22, 2.6  # beyond the hair: share of the head, multiples of the largest displacement
-_NECK = 0.35  # the neck's length as a share of the head: its base stays
+_REACH, _PER_DISPLACEMENT = 0.22, 3.2  # beyond the hair: share of the head, multiples of the largest displacement
+_NECK = 0.24  # the neck's length as a share of the head: its base stays
 _FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
 _FAR = 0.08  # a silhouette that slides farther, as a share of the head, tells less
 _LEAST = 0.012  # pixels: smaller displacements are none
@@ -124,6 +124,7 @@ class HeadField:
             window,
             cells,
             np.float32(_FAR * surface.head_size),
+            np.float32(_OUTLINE / _DATA * self.step),  # a cell has about `step` pixels of outline
         )
         field, solid = self._extend(cells, window, reach, largest, target)
         s = self.step
@@ -178,10 +179,9 @@ class HeadField:
         hair = _HAIR * surface.head_size
         away = np.clip((distance - hair) / max(reach - hair, 1e-6), 0, 1)
         stiffness = _SOFT + (1 - _SOFT) * np.clip(2 - distance / hair, 0, 1)
-        # gather_skin adds data and outline into the same moments, by pixel counts
         scale = _DATA / area
         weight = np.empty((2, rows, cols), np.float32)
-        weight[:] = scale * (cells[1] + _OUTLINE / _DATA * cells[4])
+        weight[:] = scale * (cells[1] + cells[4])
         moment = scale * cells[2:4]
         # beside the jaw the neck is squeezed or stretched, there is no seam
         free = np.clip(distance / (_FREE * surface.head_size), 0, 1).astype(np.float32)
@@ -211,7 +211,7 @@ class HeadField:
         lowest = max(float(surface.chin @ surface.down), float(moved @ surface.down))
         below = y[:, None] * surface.down[1] + x[None, :] * surface.down[0] - lowest
         start = 0.04 * surface.head_size
-        length = max(_NECK * surface.head_size, 2.0 * largest)
+        length = max(_NECK * surface.head_size, 1.6 * largest)
         t = np.clip((below - start) / length, 0, 1)
         return np.asarray(_PINNED * t * t, dtype=np.float32)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,6 +77,7 @@ class SourceSurface:
             If the view does not have the face's vertices.
         """
         check_shape("source.pixels", view.pixels, face.topology.n_vertices, 2)
+        masks = face.topology.masks
         faces = np.ascontiguousarray(face.topology.faces, dtype=np.int32)
         kinds = triangle_kinds(face)
         head = np.unique(faces[kinds == HEAD])
@@ -86,21 +88,21 @@ class SourceSurface:
         seen = rasterise(at, view.depth, faces, shape, perspective=view.perspective)
         trust = _trust(view, face, faces, seen, at)
         front = np.zeros(len(trust), bool)
-        front[face.topology.masks["face_region"]] = True
+        front[masks["face_region"]] = True
         skin = np.arange(len(trust)) < face.n_skin
         skull = np.where(skin & ~front, _SKULL_TRUST, 0.0)
         body = np.unique(faces[kinds == BODY])
         skull[body] = 0
         mean = face.mean_shape
-        lowest = face.topology.masks["chin"][np.argmin(mean[face.topology.masks["chin"], 1])]
+        lowest = masks["chin"][np.argmin(mean[masks["chin"], 1])]
         follows = _neck_share(mean, float(mean[lowest, 1]))
         skull[body] = _NECK_TRUST * (follows[body] > 0)
         blended = _rising(trust * front, faces, _RINGS)
         told = np.maximum(blended, skull * (trust > 0))
-        ends = np.where(_near(front, faces, 2), 1.0, _SKULL_OUTLINE)
+        ends = np.where(_near(front, faces, 2), _bare(mean, masks), _SKULL_OUTLINE)
         weights = np.column_stack([blended, told, ends, follows]).astype(np.float32)
         is_head = seen.covered & (kinds[np.maximum(seen.face_index, 0)] != BODY)
-        eyes = np.concatenate([face.topology.masks[f"eyelid_upper_{side}"] for side in ("left", "right")])
+        eyes = np.concatenate([masks[f"eyelid_upper_{side}"] for side in ("left", "right")])
         down = view.pixels[lowest] - view.pixels[eyes].mean(axis=0)
         return cls(
             view=view,
@@ -153,6 +155,14 @@ def _neck_share(mean: NDArray[np.floating], chin: float) -> NDArray[np.float64]:
     """Return the share of the head's motion that the neck at each vertex takes part in, (V,)."""
     t = np.clip((chin - mean[:, 1] - _NECK_MM[0]) / (_NECK_MM[1] - _NECK_MM[0]), 0, 1)
     return np.asarray(1 - t * t * (3 - 2 * t), dtype=np.float64)
+
+
+def _bare(mean: NDArray[np.floating], masks: Mapping[str, NDArray[np.int32]]) -> NDArray[np.float64]:
+    """Return how surely each vertex, where the silhouette runs, is not under hair: jaw and cheek are bare, (V,)."""
+    eyes = mean[np.concatenate([masks["eyelid_upper_left"], masks["eyelid_upper_right"]]), 1].mean()
+    top = mean[masks["forehead"], 1].max()
+    t = np.clip((mean[:, 1] - eyes) / max(float(top - eyes), 1e-6), 0, 1)
+    return np.asarray(1 - (1 - _SKULL_OUTLINE) * np.minimum(2 * t, 1), dtype=np.float64)
 
 
 def _near(region: NDArray[np.bool_], faces: NDArray[np.int32], rings: int) -> NDArray[np.bool_]:
