@@ -1,0 +1,196 @@
+"""Loops over the samples of mouth and eyes: look-ups, shading, and mixing samples to antialiased pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+# Columns of the vertex attributes that `compose` takes.
+SOURCE_X, SOURCE_Y, LID, LID_R, LID_G, LID_B, LASH, WET = range(8)
+N_SKIN_COLUMNS = 8
+# and of what is drawn in the mouth
+LIGHT_R, LIGHT_G, LIGHT_B, FLESH, CAVITY, GROOVE, DEPTH = range(7)
+N_MOUTH_COLUMNS = 7
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _look_up(picture, x, y, out):  # type: ignore[no-untyped-def]
+    """Bicubic (Keys, a = -1/2) look-up of a float32 picture (h, w, C); the border goes on; `out` (C,) is filled."""
+    h, w, channels = picture.shape
+    x = min(max(x, 0.0), w - 1.0)
+    y = min(max(y, 0.0), h - 1.0)
+    xi, yi = int(x), int(y)
+    t, s = x - xi, y - yi
+    for c in range(channels):
+        out[c] = 0.0
+    for j in range(-1, 3):
+        v = s - j if j > 0 else s - j
+        v = abs(v)
+        wy = (1.5 * v - 2.5) * v * v + 1.0 if v <= 1.0 else ((-0.5 * v + 2.5) * v - 4.0) * v + 2.0
+        row = min(max(yi + j, 0), h - 1)
+        for i in range(-1, 3):
+            u = abs(t - i)
+            wx = (1.5 * u - 2.5) * u * u + 1.0 if u <= 1.0 else ((-0.5 * u + 2.5) * u - 4.0) * u + 2.0
+            column = min(max(xi + i, 0), w - 1)
+            weight = wx * wy
+            for c in range(channels):
+                out[c] += weight * picture[row, column, c]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _linear_look_up(picture, x, y):  # type: ignore[no-untyped-def]
+    """Bilinear look-up of a float32 picture (h, w); 0 outside."""
+    h, w = picture.shape
+    if x < 0.0 or y < 0.0 or x > w - 1.0 or y > h - 1.0:
+        return 0.0
+    xi, yi = min(int(x), w - 2), min(int(y), h - 2)
+    t, s = x - xi, y - yi
+    top = picture[yi, xi] * (1 - t) + picture[yi, xi + 1] * t
+    bottom = picture[yi + 1, xi] * (1 - t) + picture[yi + 1, xi + 1] * t
+    return top * (1 - s) + bottom * s
+
+
+@njit(cache=True, nogil=True)
+def upper_edges(face_index, kinds, least):  # type: ignore[no-untyped-def]
+    """Return for each column of samples the row where the opening begins and where it ends, -1 where it is shut."""
+    height, width = face_index.shape
+    edges = np.full((2, width), -1.0, np.float32)
+    for x in range(width):
+        for y in range(height):
+            f = face_index[y, x]
+            if f >= 0 and kinds[f] >= least:
+                if edges[0, x] < 0:
+                    edges[0, x] = y
+                edges[1, x] = y
+    return edges
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _encode(value, table):  # type: ignore[no-untyped-def]
+    """Linear light to sRGB in [0, 255], by table."""
+    k = int(min(max(value, 0.0), 1.0) * (table.size - 1) + 0.5)
+    return table[k]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _look_up_layer(layer, x, y, terms, out):  # type: ignore[no-untyped-def]
+    """Look a layer (h, w, 5) up where the map (6, 2) takes the pixel; see `InnerFace` for the map."""
+    out[3] = 0.0
+    out[4] = 0.0
+    if layer.shape[0] == 0:
+        return
+    dx, dy = (x - terms[6, 0]) * terms[7, 0], (y - terms[6, 1]) * terms[7, 1]
+    at_x = terms[0, 0] + terms[1, 0] * dx + terms[2, 0] * dy
+    at_y = terms[0, 1] + terms[1, 1] * dx + terms[2, 1] * dy
+    at_x += terms[3, 0] * dx * dx + terms[4, 0] * dx * dy + terms[5, 0] * dy * dy
+    at_y += terms[3, 1] * dx * dx + terms[4, 1] * dx * dy + terms[5, 1] * dy * dy
+    if 0 <= at_x <= layer.shape[1] - 1 and 0 <= at_y <= layer.shape[0] - 1:
+        _look_up(layer, at_x, at_y, out)
+
+
+@njit(cache=True, nogil=True)
+def compose(  # type: ignore[no-untyped-def]
+    image, touched, x0, y0, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
+    skin, skin_picture, replaced, origin_x, origin_y, lash_colour,
+    eye_picture, eye_x, eye_y, shadow, shadow_mm,
+    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
+    skull, skull_map, jaw, jaw_map, encode,
+):  # fmt: skip
+    """Draw one opening into `image` (H, W, 3) uint8, whose pixel (x0, y0) holds the first step x step samples.
+
+    A pixel is drawn anew only where one of its samples is not plain skin. See `InnerFace.paint` for the arguments.
+    """
+    rows, columns = face_index.shape[0] // step, face_index.shape[1] // step
+    colour = np.empty(3, np.float32)
+    over, under = np.zeros(5, np.float32), np.zeros(5, np.float32)
+    for py in range(rows):
+        for px in range(columns):
+            special = False
+            missing = 0
+            total_r, total_g, total_b = 0.0, 0.0, 0.0
+            for sy in range(step):
+                for sx in range(step):
+                    y, x = py * step + sy, px * step + sx
+                    f = face_index[y, x]
+                    if f < 0:
+                        missing += 1
+                        continue
+                    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+                    u, v, w = barycentric[y, x, 0], barycentric[y, x, 1], barycentric[y, x, 2]
+                    kind = kinds[f]
+                    below = (y - edges[0, x]) / step / px_per_mm if edges[0, x] >= 0 else 0.0
+                    if kind <= 1:
+                        at_x = u * skin[a, 0] + v * skin[b, 0] + w * skin[c, 0] - origin_x
+                        at_y = u * skin[a, 1] + v * skin[b, 1] + w * skin[c, 1] - origin_y
+                        lid = u * skin[a, 2] + v * skin[b, 2] + w * skin[c, 2]
+                        wet = u * skin[a, 7] + v * skin[b, 7] + w * skin[c, 7]
+                        if kind == 1 or lid > 0.004 or wet > 0.01 or _linear_look_up(replaced, at_x, at_y) > 0.01:
+                            special = True
+                        _look_up(skin_picture, at_x, at_y, colour)
+                        if lid > 0.004:
+                            lash = u * skin[a, 6] + v * skin[b, 6] + w * skin[c, 6]
+                            dark = np.exp(-((lash / 0.9) ** 2)) * lash_colour[3]
+                            for k in range(3):
+                                lid_colour = u * skin[a, 3 + k] + v * skin[b, 3 + k] + w * skin[c, 3 + k]
+                                lid_colour += (lash_colour[k] - lid_colour) * dark
+                                colour[k] += (lid_colour - colour[k]) * lid
+                        if wet > 0.01:
+                            colour[0] *= 1 - 0.25 * wet
+                            colour[1] *= 1 - 0.40 * wet
+                            colour[2] *= 1 - 0.38 * wet
+                    elif kind == 2:
+                        special = True
+                        at_x = u * skin[a, 0] + v * skin[b, 0] + w * skin[c, 0] - eye_x
+                        at_y = u * skin[a, 1] + v * skin[b, 1] + w * skin[c, 1] - eye_y
+                        _look_up(eye_picture, at_x, at_y, colour)
+                        dim = 1 - shadow * np.exp(-below / shadow_mm)
+                        for k in range(3):
+                            colour[k] *= dim
+                    else:
+                        special = True
+                        tx, ty = x0 + (x + 0.5) / step - 0.5, y0 + (y + 0.5) / step - 0.5
+                        _look_up_layer(skull, tx, ty, skull_map, over)
+                        _look_up_layer(jaw, tx, ty, jaw_map, under)
+                        flesh = u * mouth[a, 3] + v * mouth[b, 3] + w * mouth[c, 3]
+                        flesh = min(max((flesh - 0.35) / 0.3, 0.0), 1.0)
+                        cavity = u * mouth[a, 4] + v * mouth[b, 4] + w * mouth[c, 4]
+                        groove = u * mouth[a, 5] + v * mouth[b, 5] + w * mouth[c, 5]
+                        depth = u * mouth[a, 6] + v * mouth[b, 6] + w * mouth[c, 6]
+                        dim = np.exp(-max(depth, 0.0) / depth_mm) * (1 - shadow * np.exp(-below / shadow_mm))
+                        if kind == 3:  # drawn teeth give way to those of the photo
+                            hole = over[4]
+                        elif kind == 4:
+                            hole = under[4]
+                        else:
+                            hole = 0.0
+                        tooth = 1 - 0.55 * groove * np.sqrt(max(groove, 0.0))
+                        for k in range(3):
+                            light = u * mouth[a, k] + v * mouth[b, k] + w * mouth[c, k]
+                            albedo = tooth_colour[k] * tooth
+                            albedo += (flesh_colour[k] - albedo) * flesh
+                            albedo += (cavity_colour[k] - albedo) * max(cavity, hole)
+                            value = _encode(albedo * light * dim * (1 - 0.7 * hole), encode)
+                            value += (under[k] - value) * min(max(under[3], 0.0), 1.0)
+                            value += (over[k] - value) * min(max(over[3], 0.0), 1.0)
+                            colour[k] = value
+                    total_r += colour[0]
+                    total_g += colour[1]
+                    total_b += colour[2]
+            if not special or missing == step * step:
+                continue
+            iy, ix = y0 + py, x0 + px
+            known = 1.0 / (step * step - missing)
+            share = mix * (1.0 - missing / (step * step))
+            total_r *= known
+            total_g *= known
+            total_b *= known
+            image[iy, ix, 0] = np.uint8(
+                min(max(image[iy, ix, 0] + (total_r - image[iy, ix, 0]) * share + 0.5, 0.0), 255.0)
+            )
+            image[iy, ix, 1] = np.uint8(
+                min(max(image[iy, ix, 1] + (total_g - image[iy, ix, 1]) * share + 0.5, 0.0), 255.0)
+            )
+            image[iy, ix, 2] = np.uint8(
+                min(max(image[iy, ix, 2] + (total_b - image[iy, ix, 2]) * share + 0.5, 0.0), 255.0)
+            )
+            touched[iy, ix] = True

@@ -1,0 +1,210 @@
+"""The front of an eyeball as the photo would show it without lids: its own pixels, and what they tell of the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
+
+#: Shadow of the upper lid on the eyeball: its depth and how fast it fades downwards.
+LID_SHADOW, LID_SHADOW_MM = 0.42, 1.6
+IRIS_MM = 6.0
+_PUPIL_SHARE = 0.36
+_SCLERA_ALBEDO = np.array([0.62, 0.58, 0.55])
+_IRIS_ALBEDO = np.array([0.075, 0.045, 0.028])  # brown, as most eyes are
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_LEAST_SEEN = 12  # pixels
+
+
+@dataclass(frozen=True, eq=False)
+class EyeLayer:
+    """An eyeball without lids, in the photo's pixels.
+
+    Parameters
+    ----------
+    picture : ndarray of shape (h, w, 3), float32
+        sRGB in [0, 255], without the upper lid's shadow.
+    origin : tuple of int
+        Column and row of the photo at the picture's first pixel.
+    iris : ndarray of shape (3,), float64, pixels
+        Centre and radius of the iris in the photo.
+    sclera : ndarray of shape (3,), float64
+        Linear colour of the white of the eye, unshadowed.
+    seen : bool
+        Whether the photo shows the eye open.
+    """
+
+    picture: NDArray[np.float32]
+    origin: tuple[int, int]
+    iris: NDArray[np.float64]
+    sclera: NDArray[np.float64]
+    seen: bool
+
+
+def lid_shadow(below_mm: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return the share of light, sRGB value over sRGB value, at distances (mm) below the upper lid's edge."""
+    return 1.0 - LID_SHADOW * np.exp(-np.maximum(below_mm, 0.0) / LID_SHADOW_MM)
+
+
+def eye_layer(
+    photo: NDArray[np.uint8],
+    origin: tuple[int, int],
+    seen: NDArray[np.bool_],
+    below_mm: NDArray[np.floating],
+    iris: NDArray[np.floating],
+    px_per_mm: float,
+    white: NDArray[np.floating],
+) -> EyeLayer:
+    """Complete the eyeball that a photo shows between the lids.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (h, w, 3), uint8
+        The photo round the eye, as far as the eyeball may ever be seen.
+    origin : (column, row)
+        Where this cut-out begins in the photo.
+    seen : ndarray of shape (h, w), bool
+        Pixels that show the eyeball, by the fitted mesh.
+    below_mm : ndarray of shape (h, w)
+        Distance below the edge of the upper lid.
+    iris : ndarray of shape (3,), pixels
+        Centre and radius of the iris in the cut-out by the fitted mesh.
+    px_per_mm : float
+        Scale.
+    white : ndarray of shape (3,)
+        Linear colour of a white surface that faces the camera, for eyes that the photo does not show.
+
+    Returns
+    -------
+    EyeLayer
+        The eyeball; where the photo does not show it, the white of the eye goes on and the iris is round.
+    """
+    values = photo.astype(np.float32)
+    sure = _sure(seen, values, px_per_mm)
+    light = lid_shadow(below_mm)[..., None].astype(np.float32)
+    bare = np.minimum(values / light, 255.0)
+    open_eye = int(sure.sum()) >= _LEAST_SEEN
+    if open_eye:
+        iris = find_iris(values @ _LUMINANCE, sure, iris)
+    radius = _radius(photo.shape[:2], iris)
+    usual_white = 255.0 * srgb_from_linear(_SCLERA_ALBEDO * white).astype(np.float32)
+    sclera = _sclera(bare, sure & (radius > 1.12), usual_white, px_per_mm)
+    disc = _iris_disc(bare, sure, radius, white)
+    edge = np.clip((1.03 - radius) * iris[2] / 1.2 + 0.5, 0, 1)[..., None]
+    drawn = sclera + (disc - sclera) * edge
+    if not open_eye:
+        drawn = _with_glint(drawn, iris, px_per_mm)
+    weight = np.clip(ndimage.distance_transform_edt(sure) / max(1.0, 0.5 * px_per_mm), 0, 1)[..., None]
+    picture = drawn + (bare - drawn) * weight
+    middle = linear_from_srgb(np.median(sclera[radius > 1.2].reshape(-1, 3), axis=0) / 255.0).astype(np.float64)
+    where = np.array([iris[0] + origin[0], iris[1] + origin[1], iris[2]])
+    return EyeLayer(np.ascontiguousarray(picture, np.float32), origin, where, middle, open_eye)
+
+
+def _sure(seen: NDArray[np.bool_], values: NDArray[np.float32], px_per_mm: float) -> NDArray[np.bool_]:
+    """Return the pixels that show the eyeball for certain: clear of the lids' edges and of lashes."""
+    away = ndimage.distance_transform_edt(np.pad(seen, 1))[1:-1, 1:-1]
+    inside = away > max(1.0, 0.5 * px_per_mm)
+    # the upper lid's lashes hang into the picture of the eye
+    hang = max(1, round(0.5 * px_per_mm))
+    shifted = np.zeros_like(inside)
+    shifted[hang:] = inside[:-hang]
+    inside &= shifted
+    if not inside.any():
+        return inside
+    # redder than the rest are lids and the corner's flesh
+    red = (values[..., 0] + 8) / (values[..., 1:].mean(axis=2) + 8)
+    typical = np.median(red[inside])
+    return inside & (red < max(1.35, 1.25 * float(typical)))
+
+
+def _radius(shape: tuple[int, ...], iris: NDArray[np.floating]) -> NDArray[np.float32]:
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
+    return np.asarray(np.hypot(x - iris[0], y - iris[1]) / iris[2], np.float32)
+
+
+def find_iris(
+    brightness: NDArray[np.floating], seen: NDArray[np.bool_], start: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Find the circle near `start` (x, y, radius) across which the picture brightens most (Daugman 1993).
+
+    Only what is `seen` counts: mostly the left and right of the iris. The start stays where nothing speaks against it.
+    """
+    x0, y0, r0 = (float(v) for v in start)
+    smooth = ndimage.gaussian_filter(np.asarray(brightness, np.float64), max(0.5, 0.06 * r0))
+    known = seen.astype(np.float64)
+    shifts = np.linspace(-0.45, 0.45, 13)
+    sizes = np.linspace(0.82, 1.22, 9)
+    angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    dy, dx, size = (g.ravel() for g in np.meshgrid(shifts, shifts, sizes, indexing="ij"))
+    cx, cy, radius = x0 + dx * r0, y0 + dy * r0, r0 * size
+    gain, weight = np.zeros(len(cx)), np.zeros(len(cx))
+    inner, outer = 0.86, 1.16
+    for angle in angles:
+        c, s = np.cos(angle), np.sin(angle)
+        ins = [cy + inner * radius * s, cx + inner * radius * c]
+        outs = [cy + outer * radius * s, cx + outer * radius * c]
+        both = ndimage.map_coordinates(known, ins, order=1) * ndimage.map_coordinates(known, outs, order=1)
+        step = ndimage.map_coordinates(smooth, outs, order=1) - ndimage.map_coordinates(smooth, ins, order=1)
+        gain += both * np.clip(step, -60.0, 60.0)
+        weight += both
+    usual = np.exp(-0.5 * ((dx / 0.3) ** 2 + (dy / 0.25) ** 2 + ((size - 1) / 0.13) ** 2))
+    score = gain / np.maximum(weight, 0.12 * len(angles)) * usual
+    best = int(np.argmax(score))
+    if score[best] <= 2.0:
+        return np.array([x0, y0, r0])
+    return np.array([cx[best], cy[best], radius[best]])
+
+
+def _sclera(
+    bare: NDArray[np.float32], known: NDArray[np.bool_], usual: NDArray[np.float32], px_per_mm: float
+) -> NDArray[np.float32]:
+    """Continue the white of the eye from where it is seen."""
+    if known.sum() < 4:
+        return np.broadcast_to(usual, bare.shape).astype(np.float32)
+    brightness = bare @ _LUMINANCE
+    known = known & (brightness > 0.6 * np.percentile(brightness[known], 80))  # not lashes, not shadows in the corner
+    colour = np.percentile(bare[known], 60, axis=0).astype(np.float32)
+    weight = known.astype(np.float32)
+    sigma = max(1.0, 1.5 * px_per_mm)
+    mass = ndimage.gaussian_filter(weight, sigma)[..., None] + 0.03
+    moment = ndimage.gaussian_filter(bare * weight[..., None], (sigma, sigma, 0)) + 0.03 * colour
+    return np.asarray(moment / mass, np.float32)
+
+
+def _iris_disc(
+    bare: NDArray[np.float32], sure: NDArray[np.bool_], radius: NDArray[np.float32], white: NDArray[np.floating]
+) -> NDArray[np.float32]:
+    """Return a round iris with the radial profile of what is seen of it, everywhere."""
+    bins = np.linspace(0.0, 1.1, 12)
+    own = sure & (radius < 1.1)
+    index = np.digitize(radius, bins) - 1
+    iris = 255.0 * srgb_from_linear(_IRIS_ALBEDO * white)
+    usual = np.where(bins[:, None] < _PUPIL_SHARE, 0.12, 1.0) * iris
+    profile, known = usual.copy(), np.zeros(len(bins), bool)
+    for k in range(len(bins)):
+        ring = own & (index == k)
+        if ring.sum() >= 3:
+            profile[k] = np.percentile(bare[ring], 40, axis=0)  # below the median: glints are bright
+            known[k] = True
+    if known.any():
+        for k in range(3):
+            profile[:, k] = np.interp(bins, bins[known], profile[known, k])
+        if not known[:3].any():  # the pupil is never brighter than the iris
+            profile[bins < _PUPIL_SHARE] *= 0.5
+    profile = ndimage.gaussian_filter1d(profile, 0.6, axis=0, mode="nearest")
+    centres = bins + 0.05
+    return np.stack([np.interp(radius, centres, profile[:, k]) for k in range(3)], axis=2).astype(np.float32)
+
+
+def _with_glint(picture: NDArray[np.float32], iris: NDArray[np.floating], px_per_mm: float) -> NDArray[np.float32]:
+    """Add the light that a cornea mirrors."""
+    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]].astype(np.float32)
+    size = max(0.7, 0.8 * px_per_mm)
+    away = np.hypot(x - iris[0] + 0.30 * iris[2], y - iris[1] + 0.33 * iris[2]) / size
+    strength = 0.7 * np.clip(1.5 - away, 0, 1)[..., None]
+    return np.asarray(picture + (235.0 - picture) * strength, np.float32)

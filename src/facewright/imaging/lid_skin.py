@@ -1,0 +1,281 @@
+"""Skin of the upper lid where the photo has none: folded away or squeezed to a strip while the eye is open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse.linalg import splu
+from scipy.spatial import cKDTree
+
+from facewright.faces.face import Face
+from facewright.imaging.inner_parts import SKIN, Opening, paint_map
+from facewright.imaging.mesh_view import MeshView
+from facewright.imaging.photo_light import PhotoLight, harmonics
+from facewright.imaging.texture import sample_bilinear
+from facewright.mesh.connectivity import vertex_adjacency
+
+_LASH_MM = 1.6  # so close to the lash line the photo shows lashes
+_BROW_MM = 2.0
+#: A lid that is stretched by these factors over its size in the photo begins to be, and is wholly, drawn.
+_STRETCH = (1.35, 2.4)
+#: Closing by so many millimetres begins to, and does, need lid skin.
+_CLOSING_MM = (0.4, 2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LidSkin:
+    """What the upper lid of one eye looks like, and when it is needed.
+
+    Parameters
+    ----------
+    colours : ndarray of shape (M, 3), float32
+        sRGB in [0, 255] at the vertices of the opening: clean skin of the lid and its surroundings, continued smoothly.
+    zone : ndarray of shape (M,), float32
+        Where the lid's skin may be drawn, 0 to 1.
+    lash_mm : ndarray of shape (M,), float32
+        Distance to the lash line on the generic face.
+    lash_colour : ndarray of shape (4,), float32
+        sRGB in [0, 255] of the lash line, and its opacity in [0, 1].
+    """
+
+    colours: NDArray[np.float32]
+    zone: NDArray[np.float32]
+    lash_mm: NDArray[np.float32]
+    lash_colour: NDArray[np.float32]
+    _faces: NDArray[np.int32]
+    _area: NDArray[np.float64]
+    _normals: NDArray[np.float64]
+    _gap: NDArray[np.float64]
+    _smooth: sparse.csr_matrix
+    _scale: float
+
+    def weights(self, opening: Opening, pixels: NDArray[np.floating], gap_mm: NDArray[np.floating]) -> NDArray:
+        """Return how far each vertex of the opening needs lid skin in a view, (M,) in [0, 1].
+
+        Parameters
+        ----------
+        opening : Opening
+            The eye.
+        pixels : ndarray of shape (M, 2)
+            Its vertices in the view.
+        gap_mm : ndarray of shape (K,)
+            Distance between the lids at the pairs of vertices that meet in a blink.
+        """
+        closing = float(np.percentile(self._gap - gap_mm, 75)) if len(gap_mm) else 0.0
+        amount = _ease((closing - _CLOSING_MM[0]) / (_CLOSING_MM[1] - _CLOSING_MM[0]))
+        if amount <= 0:
+            return np.zeros(len(self.zone), np.float32)
+        area = front_areas(np.ascontiguousarray(pixels, np.float64), self._faces)
+        grown = np.median(area[self.zone == 0].clip(1e-6)) / self._scale  # the whole picture may be larger
+        stretch = area / np.maximum(self._area * grown, 1e-3 * self._scale)
+        low, high = np.log(_STRETCH)
+        need = _ease((np.log(np.maximum(stretch, 1e-3)) - low) / (high - low))
+        need = np.maximum(need, self._smooth @ need)
+        need = np.maximum(need, 0.9 * (self._smooth @ need))
+        return np.asarray(self.zone * amount * np.clip(self._smooth @ need, 0, 1), np.float32)
+
+    def shaded(self, normals: NDArray[np.floating], light: PhotoLight) -> NDArray[np.float32]:
+        """Return `colours` in the light that the lid gets in a view with unit normals (M, 3)."""
+        luminance = light.terms @ np.array([0.2126, 0.7152, 0.0722])
+        floor = 0.1 * abs(luminance[0])
+        now = np.maximum(harmonics(np.asarray(normals, np.float64)) @ luminance, floor)
+        then = np.maximum(harmonics(self._normals) @ luminance, floor)
+        # sRGB values go with about the 2.2nd root of light; half of the change only, as light is never this simple
+        ratio = np.clip(now / then, 0.5, 1.8) ** (0.6 / 2.2)
+        return np.asarray(np.minimum(self.colours * ratio[:, None], 255.0), np.float32)
+
+
+def lid_skin(photo: NDArray[np.uint8], source: MeshView, face: Face, opening: Opening) -> LidSkin:
+    """Collect the lid's skin from a photo.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (H, W, 3), uint8
+        The photo.
+    source : MeshView
+        The fitted mesh as the photo sees it.
+    face : Face
+        Its topology.
+    opening : Opening
+        The eye.
+    """
+    ids = opening.vertices
+    pixels, seen = source.pixels[ids], source.camera_vertices[ids]
+    skin_faces = opening.faces[opening.kinds <= 1]
+    skin = np.zeros(len(ids), bool)
+    skin[skin_faces] = True
+    area = front_areas(pixels, skin_faces)
+    attributes = paint_map(face).columns(paint_map(face).attributes)
+    lash = np.minimum(attributes["lash"][ids], 30.0)
+    mean = face.mean_shape[ids].astype(np.float64)
+    zone = _zone(face, opening, mean)
+    clean = _clean(source, face, opening, mean, lash, area)
+    adjacency = vertex_adjacency(skin_faces, len(ids)).astype(np.float64)
+    degree = np.maximum(np.asarray(adjacency.sum(axis=1)).ravel(), 1.0)
+    spread = (sparse.diags(0.4 / degree) @ adjacency + sparse.diags(np.full(len(ids), 0.6))).tocsr()
+    px_per_mm = _scale_of(pixels, seen, skin_faces)
+    colours = _continued(photo, pixels, clean, adjacency, degree, px_per_mm)
+    normals = unit_normals(np.ascontiguousarray(seen, np.float64), skin_faces)
+    for _ in range(6):  # what the colours were taken from is not the fold
+        normals = spread @ normals
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    gap = np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1)
+    hidden = opening.hidden > 0.5
+    return LidSkin(
+        colours=colours,
+        zone=zone.astype(np.float32),
+        lash_mm=lash.astype(np.float32),
+        lash_colour=_lash_colour(photo, pixels, lash, skin & (lash < 0.7), colours, px_per_mm),
+        _faces=np.ascontiguousarray(skin_faces),
+        _area=np.where(hidden, 0.0, area),
+        _normals=normals,
+        _gap=gap,
+        _smooth=spread,
+        _scale=float(np.median(area[zone == 0].clip(1e-6))),
+    )
+
+
+def _ease(value: NDArray[np.floating] | float) -> NDArray[np.float64]:
+    w = np.clip(value, 0.0, 1.0)
+    return np.asarray(w * w * (3 - 2 * w))
+
+
+def _scale_of(pixels: NDArray, seen: NDArray, faces: NDArray[np.int32]) -> float:
+    """Return pixels per millimetre."""
+    a, b = faces[:, 0], faces[:, 1]
+    flat = np.linalg.norm((pixels[a] - pixels[b]), axis=1)
+    long = np.linalg.norm((seen[a] - seen[b])[:, :2], axis=1)
+    return float(flat.sum() / max(float(long.sum()), 1e-9))
+
+
+def _zone(face: Face, opening: Opening, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return 1 on the upper lid and its margin, falling to 0 above it."""
+    masks = face.topology.masks
+    lid = masks[f"eyelid_upper_{opening.name}"]
+    index = face.blendshape_names.index(f"eyeBlink_{opening.name[0].upper()}")
+    motion = np.linalg.norm(face.blendshape_deltas[index][opening.vertices], axis=1)
+    moving = _ease((motion - 0.6) / 2.0)
+    near = cKDTree(face.mean_shape[lid].astype(np.float64)).query(mean)[0]
+    lower = face.mean_shape[masks[f"lid_contact_lower_{opening.name}"]].astype(np.float64)
+    upper = face.mean_shape[masks[f"lid_contact_upper_{opening.name}"]].astype(np.float64)
+    above = cKDTree(lower).query(mean)[0] > cKDTree(upper).query(mean)[0]
+    return np.asarray(moving * _ease((3.0 - near) / 3.0) * above)
+
+
+def _clean(
+    source: MeshView,
+    face: Face,
+    opening: Opening,
+    mean: NDArray[np.float64],
+    lash: NDArray[np.floating],
+    area: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return how surely the photo shows bare skin at each vertex, (M,) in [0, 1]."""
+    ids = opening.vertices
+    masks = face.topology.masks
+    skin = np.zeros(len(ids), bool)
+    skin[opening.faces[opening.kinds == SKIN]] = True
+    normals = unit_normals(np.ascontiguousarray(source.camera_vertices[ids], np.float64), opening.faces)
+    facing = np.clip((-normals[:, 2] - 0.25) / 0.25, 0, 1)
+    result = np.where(skin, facing, 0.0) * (1 - np.clip(2 * opening.hidden, 0, 1))
+    result *= np.clip((lash - _LASH_MM) / 1.0, 0, 1)
+    brow = face.mean_shape[masks[f"brow_{opening.name}"]].astype(np.float64)
+    result *= np.clip((cKDTree(brow).query(mean)[0] - _BROW_MM) / 2.0, 0, 1)
+    margin = face.mean_shape[masks[f"eyelid_upper_{opening.name}"]].astype(np.float64)
+    result *= np.clip((26.0 - cKDTree(margin).query(mean)[0]) / 6.0, 0, 1)
+    return np.asarray(result * np.clip(area / 1.5, 0, 1))
+
+
+def _continued(
+    photo: NDArray[np.uint8],
+    pixels: NDArray[np.floating],
+    clean: NDArray[np.float64],
+    adjacency: sparse.csr_matrix,
+    degree: NDArray[np.float64],
+    px_per_mm: float,
+) -> NDArray[np.float32]:
+    """Continue the colours of clean skin over the vertices: a screened Laplace equation."""
+    lo = np.floor(pixels.min(axis=0)).astype(int)
+    hi = np.ceil(pixels.max(axis=0)).astype(int)
+    x0, y0 = np.clip(lo - 4, 0, np.array(photo.shape[1::-1]) - 1)
+    x1, y1 = np.clip(hi + 5, 1, np.array(photo.shape[1::-1]))
+    sigma = max(0.6, 0.5 * px_per_mm)
+    crop = ndimage.gaussian_filter(photo[y0:y1, x0:x1].astype(np.float32), (sigma, sigma, 0))
+    sampled = sample_bilinear(crop, pixels - (x0, y0)).astype(np.float64)
+    brightness = np.log(sampled.mean(axis=1) + 5.0)
+    sure = clean > 0.5
+    if sure.sum() >= 8:  # strands of hair, rims of glasses
+        middle = np.median(brightness[sure])
+        spread = max(1.4826 * float(np.median(np.abs(brightness[sure] - middle))), 0.08)
+        clean = clean * np.clip(2.0 - np.abs(brightness - middle) / (2.5 * spread), 0, 1)
+    total = clean.sum()
+    typical = (clean @ sampled) / total if total > 1e-6 else np.median(sampled, axis=0)
+    system = sparse.diags(degree + 0.8 * clean + 1e-4) - adjacency
+    right = 0.8 * clean[:, None] * sampled + 1e-4 * typical
+    return np.asarray(splu(system.tocsc()).solve(right), np.float32)
+
+
+def _lash_colour(
+    photo: NDArray[np.uint8],
+    pixels: NDArray[np.floating],
+    lash: NDArray[np.floating],
+    line: NDArray[np.bool_],
+    colours: NDArray[np.float32],
+    px_per_mm: float,
+) -> NDArray[np.float32]:
+    """Return the colour of the photo's lash line, and how opaque it is against the lid."""
+    if not line.any():
+        return np.array([40, 28, 24, 0.7], np.float32)
+    around = np.concatenate([pixels[line] + (0, d * px_per_mm) for d in (-0.8, 0.0, 0.8)])
+    low = np.maximum(np.floor(around.min(axis=0)).astype(int) - 1, 0)
+    high = np.ceil(around.max(axis=0)).astype(int) + 2
+    crop = photo[low[1] : high[1], low[0] : high[0]].astype(np.float32)
+    if crop.size == 0:
+        return np.array([40, 28, 24, 0.7], np.float32)
+    seen = sample_bilinear(crop, around - low)
+    dark = seen[seen.sum(axis=1) <= np.percentile(seen.sum(axis=1), 30)].mean(axis=0)
+    lid = colours[line].mean(axis=0)
+    # never lighter than a soft shadow: even fair lashes close the eye with a line
+    colour = np.minimum(dark, 0.62 * lid)
+    return np.append(colour, 0.85).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def front_areas(pixels, faces):  # type: ignore[no-untyped-def]
+    """Return the area in pixels of the triangles round each vertex that face the camera, (V,)."""
+    area = np.zeros(len(pixels))
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        double = (pixels[c, 0] - pixels[a, 0]) * (pixels[b, 1] - pixels[a, 1]) - (pixels[b, 0] - pixels[a, 0]) * (
+            pixels[c, 1] - pixels[a, 1]
+        )
+        if double > 0:
+            area[a] += double
+            area[b] += double
+            area[c] += double
+    return area / 6.0
+
+
+@njit(cache=True, nogil=True)
+def unit_normals(vertices, faces):  # type: ignore[no-untyped-def]
+    """Return unit normals (V, 3) weighted by area; zero without a triangle. As `mesh.normals`, without temporaries."""
+    normals = np.zeros(vertices.shape)
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        for k in (a, b, c):
+            normals[k, 0] += nx
+            normals[k, 1] += ny
+            normals[k, 2] += nz
+    for k in range(len(vertices)):
+        length = np.sqrt(normals[k, 0] ** 2 + normals[k, 1] ** 2 + normals[k, 2] ** 2)
+        if length > 0:
+            for i in range(3):
+                normals[k, i] /= length
+    return normals

@@ -1,0 +1,213 @@
+"""Teeth that the photo shows: its own pixels on a layer that moves with the skull, and on one that moves with the jaw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_LEAST_SEEN = 14  # pixels of an open mouth
+_CROWN_MM = 10.0
+_GUM_MM = 6.0
+#: Columns of a layer beside its colours: how opaque it is, and where it hides the drawn teeth.
+OPAQUE, CUT = 3, 4
+
+
+@dataclass(frozen=True, eq=False)
+class MouthLayers:
+    """What the photo shows in the mouth.
+
+    Parameters
+    ----------
+    skull, jaw : ndarray of shape (h, w, 5), float32
+        sRGB in [0, 255], opacity in [0, 1], and where drawn teeth of the same row are left out; in the photo's pixels.
+    origin : tuple of int
+        Column and row of the photo at the first pixel.
+    tooth : ndarray of shape (3,), or None
+        sRGB colour, [0, 255], of the teeth seen; None where none is.
+    dark : ndarray of shape (3,), or None
+        The darkest that is seen in the mouth.
+    """
+
+    skull: NDArray[np.float32]
+    jaw: NDArray[np.float32]
+    origin: tuple[int, int]
+    tooth: NDArray[np.float64] | None
+    dark: NDArray[np.float64] | None
+
+
+def mouth_layers(
+    photo: NDArray[np.uint8],
+    origin: tuple[int, int],
+    inside: NDArray[np.bool_],
+    lips: NDArray[np.floating],
+    incisal: NDArray[np.floating],
+    px_per_mm: float,
+    gum: NDArray[np.floating],
+) -> MouthLayers:
+    """Part what a photo shows between the lips into what belongs to the skull and what to the jaw.
+
+    Going down each column of pixels, teeth are what is bright and less red than the lips; the first row of teeth ends
+    at its edge, where something dark follows, or at the lower lip. Rows go on behind the lips as they end.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (h, w, 3), uint8
+        The photo round the mouth.
+    origin : (column, row)
+        Where this cut-out begins in the photo.
+    inside : ndarray of shape (h, w), bool
+        Pixels between the lips, by the fitted mesh.
+    lips : ndarray of shape (3,)
+        sRGB colour of the lips, [0, 255].
+    incisal : ndarray of shape (w,)
+        Row of the fitted mesh's upper cutting edge in each column; NaN where there is none.
+    px_per_mm : float
+        Scale.
+    gum : ndarray of shape (3,)
+        sRGB colour of gums in the photo's light.
+    """
+    h, w = inside.shape
+    skull, jaw = np.zeros((h, w, 5), np.float32), np.zeros((h, w, 5), np.float32)
+    values = photo.astype(np.float32)
+    if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < 2:
+        return MouthLayers(skull, jaw, origin, None, None)
+    tooth, colour = _teeth(values, inside, np.asarray(lips, np.float32))
+    columns = np.flatnonzero(inside.any(axis=0))
+    first, last = inside.argmax(axis=0), h - 1 - inside[::-1].argmax(axis=0)
+    division, whole = _division(tooth, first, last, columns, max(2, round(0.8 * px_per_mm)))
+    has = np.isfinite(division)
+    inset = max(1, round(0.3 * px_per_mm))
+    for x in columns:
+        top, bottom = int(first[x]), int(last[x])
+        if has[x]:
+            stop = int(round(division[x]))
+            _fill_skull(skull, values, x, top, min(stop, bottom + 1), inset, px_per_mm, gum)
+            if whole[x]:
+                skull[stop : stop + int(8 * px_per_mm), x, CUT] = 1.0
+            else:
+                _continue_down(skull, x, bottom, incisal[x], inset)
+        start = int(round(division[x])) if has[x] else top
+        if has[x] and not whole[x]:
+            continue
+        _fill_jaw(jaw, values, x, start, bottom, inset, px_per_mm)
+    for layer in (skull, jaw):
+        _soften(layer)
+    dark = values[inside][values[inside] @ _LUMINANCE <= np.percentile(values[inside] @ _LUMINANCE, 5)].mean(axis=0)
+    return MouthLayers(skull, jaw, origin, colour, dark.astype(np.float64))
+
+
+def _teeth(
+    values: NDArray[np.float32], inside: NDArray[np.bool_], lips: NDArray[np.float32]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64] | None]:
+    """Return which pixels are teeth, and their colour."""
+    brightness = values @ _LUMINANCE
+    bright = inside & (brightness >= np.percentile(brightness[inside], 80))
+    colour = np.median(values[bright], axis=0)
+    red = (values[..., 0] + 6) / (values[..., 1] + 6)
+    tooth_red, lip_red = float((colour[0] + 6) / (colour[1] + 6)), float((lips[0] + 6) / (lips[1] + 6))
+    if tooth_red > 0.5 * (1.15 + lip_red) or colour @ _LUMINANCE < 0.6 * (lips @ _LUMINANCE):
+        return np.zeros(inside.shape, bool), None  # tongue, or only the dark
+    tooth = inside & (brightness > 0.45 * (colour @ _LUMINANCE)) & (red < 0.5 * (tooth_red + lip_red))
+    if tooth.sum() < 6:
+        return np.zeros(inside.shape, bool), None
+    return tooth, np.median(values[tooth & (brightness > 0.8 * (colour @ _LUMINANCE))], axis=0).astype(np.float64)
+
+
+def _division(
+    tooth: NDArray[np.bool_],
+    first: NDArray[np.intp],
+    last: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    gap: int,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the row below the upper teeth in each column (NaN: none seen), and whether their edge is seen."""
+    w = tooth.shape[1]
+    division = np.full(w, np.nan)
+    whole = np.zeros(w, bool)
+    for x in columns:
+        top, bottom = int(first[x]), int(last[x])
+        run = tooth[top : bottom + 1, x]
+        if not run.any():
+            continue
+        start = int(run.argmax())
+        if start > 0.55 * len(run) and len(run) > 3 * gap:
+            continue  # only the lower teeth
+        closed = ndimage.binary_closing(np.pad(run, gap), iterations=max(1, gap // 2))[gap:-gap]
+        end = start + int(np.argmin(np.append(closed[start:], False)))
+        whole[x] = end < len(run) - max(1, gap // 2) - 0.5
+        division[x] = top + (end if whole[x] else len(run))
+    known = np.flatnonzero(np.isfinite(division))
+    if len(known) >= 5:
+        smooth = ndimage.median_filter(division[known], 5, mode="nearest")
+        division[known] = np.where(whole[known], smooth, division[known])
+        whole[known] = ndimage.median_filter(whole[known].astype(np.uint8), 5, mode="nearest") > 0
+    return division, whole
+
+
+def _fill_skull(
+    layer: NDArray[np.float32],
+    values: NDArray[np.float32],
+    x: int,
+    top: int,
+    stop: int,
+    inset: int,
+    px_per_mm: float,
+    gum: NDArray[np.floating],
+) -> None:
+    """Put one column of upper teeth on the layer, going on upwards behind the lip."""
+    if stop <= top:
+        return
+    layer[top:stop, x, :3] = values[top:stop, x]
+    edge = min(top + inset, stop - 1)
+    layer[top:edge, x, :3] = values[edge, x]
+    high = max(0, int(top - (_GUM_MM + 2) * px_per_mm))
+    crown = stop - _CROWN_MM * px_per_mm
+    rows = np.arange(high, top)
+    share = np.clip((crown - rows) / px_per_mm, 0, 1)[:, None]
+    layer[high:top, x, :3] = values[edge, x] * (1 - share) + share * np.asarray(gum, np.float32)
+    layer[high:stop, x, OPAQUE] = 1.0
+    layer[high:stop, x, CUT] = 1.0
+
+
+def _continue_down(layer: NDArray[np.float32], x: int, bottom: int, incisal: float, inset: int) -> None:
+    """Let teeth that the lower lip hides go on to their cutting edge."""
+    end = bottom + 1 if not np.isfinite(incisal) else max(bottom + 1, int(np.ceil(incisal)))
+    edge = max(bottom - inset, 0)
+    layer[edge + 1 : end, x, :3] = layer[edge, x, :3]
+    layer[edge + 1 : end, x, OPAQUE] = 1.0
+    layer[edge + 1 : end + 4, x, CUT] = 1.0
+
+
+def _fill_jaw(
+    layer: NDArray[np.float32],
+    values: NDArray[np.float32],
+    x: int,
+    start: int,
+    bottom: int,
+    inset: int,
+    px_per_mm: float,
+) -> None:
+    """Put one column of what moves with the jaw on the layer, going on downwards behind the lip."""
+    if bottom < start:
+        return
+    edge = max(bottom - inset, start)
+    end = int(bottom + 4 * px_per_mm) + 1
+    layer[start : bottom + 1, x, :3] = values[start : bottom + 1, x]
+    layer[edge:end, x, :3] = values[edge, x]
+    layer[start:end, x, OPAQUE] = 1.0
+    layer[start:end, x, CUT] = 1.0
+
+
+def _soften(layer: NDArray[np.float32]) -> None:
+    """Feather the layer's edges, in place, its colours going on beyond them."""
+    solid = layer[..., OPAQUE] > 0
+    if not solid.any():
+        return
+    nearest = ndimage.distance_transform_edt(~solid, return_distances=False, return_indices=True)
+    layer[..., :3] = layer[..., :3][tuple(nearest)]
+    layer[..., OPAQUE] = ndimage.gaussian_filter(layer[..., OPAQUE], 0.6)
+    layer[..., CUT] = ndimage.gaussian_filter(layer[..., CUT], 0.6)

@@ -1,0 +1,79 @@
+"""The photo's lips and lids without what shows between them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+
+def skin_layer(
+    photo: NDArray[np.uint8],
+    inside: NDArray[np.bool_],
+    *,
+    inset_px: float,
+    doubt_px: float,
+    wanted: NDArray[np.bool_] | None = None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Replace what a photo shows inside mouth or eye by the skin round it going on inwards.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (h, w, 3), uint8
+        The photo round an opening.
+    inside : ndarray of shape (h, w), bool
+        Pixels that show something else than skin, by the fitted mesh.
+    inset_px : float
+        So much of the skin's edge is always replaced: the fit and the lens are not sharper.
+    doubt_px : float
+        Up to so far from the opening a pixel is replaced if it does not look like the skin beyond: an error of the fit
+        leaves teeth, eye or lashes there.
+    wanted : ndarray of shape (h, w), bool, optional
+        Skin that may be continued (for example lips only); any where absent.
+
+    Returns
+    -------
+    picture : ndarray of shape (h, w, 3), float32
+        sRGB in [0, 255].
+    replaced : ndarray of shape (h, w), float32
+        1 where the photo was replaced, falling to 0 within a pixel around.
+    """
+    values = photo.astype(np.float32)
+    if not inside.any():
+        return values, np.zeros(inside.shape, np.float32)
+    away = ndimage.distance_transform_edt(~inside)
+    out = away <= inset_px
+    band = (away > inset_px) & (away <= doubt_px)
+    beyond = (away > doubt_px) & (away <= 2.0 * doubt_px + 2.0)
+    if wanted is not None and (beyond & wanted).sum() > 20:
+        beyond &= wanted
+    if band.any() and beyond.sum() > 20:
+        out |= band & _foreign(values, band, beyond)
+        # no skin is an island in what was replaced, and nothing foreign one in skin
+        out = ndimage.binary_closing(out, iterations=1) | (away <= inset_px)
+        pieces, _ = ndimage.label(out)
+        touching = np.unique(pieces[away <= inset_px])
+        out = np.isin(pieces, touching[touching > 0])
+    source = ~out if wanted is None or not (wanted & ~out).any() else wanted & ~out
+    nearest = ndimage.distance_transform_edt(~source, return_distances=False, return_indices=True)
+    filled = values[tuple(nearest)]
+    soft = ndimage.gaussian_filter(filled, (1.2, 1.2, 0))
+    picture = np.where(out[..., None], soft, values)
+    replaced = np.clip(1.5 - ndimage.distance_transform_edt(~out), 0, 1)
+    return np.ascontiguousarray(picture, np.float32), np.ascontiguousarray(replaced, np.float32)
+
+
+def _foreign(values: NDArray[np.float32], band: NDArray[np.bool_], beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell which pixels of the band do not look like the nearest skin beyond it."""
+    nearest = ndimage.distance_transform_edt(~beyond, return_distances=False, return_indices=True)
+    smooth = ndimage.gaussian_filter(values, (1.0, 1.0, 0))
+    reference = smooth[tuple(nearest)]
+
+    def features(colour: NDArray[np.float32]) -> NDArray[np.float32]:
+        total = colour.sum(axis=-1) + 12.0
+        return np.stack([np.log(total), 4.0 * colour[..., 0] / total, 4.0 * colour[..., 2] / total], axis=-1)
+
+    off = np.abs(features(values) - features(reference))
+    inner = features(values)[beyond] - features(ndimage.gaussian_filter(values, (2.0, 2.0, 0)))[beyond]
+    spread = np.maximum(1.4826 * np.median(np.abs(inner), axis=0), [0.05, 0.04, 0.04])
+    return np.asarray(((off / (4.0 * spread)) ** 2).sum(axis=-1) > 1.0) & band
