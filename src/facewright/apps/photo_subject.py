@@ -243,6 +243,7 @@ def open_photo_subject(
     face = _face_of(model)
     report("finding the face", 1)
     found, n_faces = _find(file, name, face_index, landmarks, detector, task_file)
+    _check_in_picture(found, file.pixels, name)
     report("fitting the face", 2)
     focal = file.focal_length if focal_length is None else focal_length
     size = (file.pixels.shape[0], file.pixels.shape[1])
@@ -383,6 +384,18 @@ def _detect(detector: LandmarkDetector, picture: NDArray[np.uint8]) -> list[Land
 def _distance(face: Landmarks, by_hand: Landmarks) -> float:
     present = by_hand.present
     return float(np.nanmean(np.linalg.norm(face.points[present] - by_hand.points[present], axis=1)))
+
+
+def _check_in_picture(found: Landmarks, picture: NDArray[np.uint8], name: str) -> None:
+    """Refuse points of another picture: most of a face lies in its own."""
+    height, width = picture.shape[:2]
+    points = found.points[found.present]
+    inside = ((points >= -0.5) & (points <= (width - 0.5, height - 0.5))).all(axis=1)
+    if inside.mean() < 1 / 3:
+        raise ValueRangeError(
+            f"landmarks must lie in the picture they belong to: {name} is {width} x {height} pixels, and "
+            f"{int((~inside).sum())} of {len(points)} points lie outside."
+        )
 
 
 def _check_fit(fit: PhotoFit, name: str) -> None:

@@ -318,7 +318,7 @@ def _remarks(picture: Image.Image, file: Path) -> tuple[str, ...]:
     frames = int(getattr(picture, "n_frames", 1))
     if frames > 1:
         remarks.append(f"{file} holds {frames} frames, the first is used.")
-    if picture.mode.startswith(("I", "F")) or any(";16" in str(tile) for tile in picture.tile):
+    if picture.mode.startswith(("I", "F")) or any(";16" in str(tile) for tile in getattr(picture, "tile", ())):
         remarks.append(f"{file} has more than 8 bits per channel, the result has 8.")
     if picture.mode == "CMYK":
         remarks.append(f"{file} has the colours of a printer (CMYK), the result those of a screen (sRGB).")
