@@ -391,7 +391,7 @@ def _check_in_picture(found: Landmarks, picture: NDArray[np.uint8], name: str) -
     height, width = picture.shape[:2]
     points = found.points[found.present]
     inside = ((points >= -0.5) & (points <= (width - 0.5, height - 0.5))).all(axis=1)
-    if inside.mean() < 1 / 3:
+    if len(points) and inside.mean() < 1 / 3:
         raise ValueRangeError(
             f"landmarks must lie in the picture they belong to: {name} is {width} x {height} pixels, and "
             f"{int((~inside).sum())} of {len(points)} points lie outside."
