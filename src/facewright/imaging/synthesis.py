@@ -37,11 +37,14 @@ class Synthesis:
         Smallest determinant of the map, outside true occlusions.
     head_map : HeadMap or None
         Where the pixels of the head's surroundings were taken from; None where nothing moved.
+    touched : ndarray of shape (H, W), bool
+        Pixels that may differ from the photo: moved, or drawn anew.
     """
 
     image: NDArray[np.uint8]
     smallest_jacobian: float
     head_map: HeadMap | None
+    touched: NDArray[np.bool_]
 
     @cached_property
     def source_pixels(self) -> NDArray[np.float32]:
@@ -52,15 +55,6 @@ class Synthesis:
             (x, y), (h, w) = self.head_map.origin, self.head_map.displacement.shape[:2]
             at[y : y + h, x : x + w] += self.head_map.displacement
         return at
-
-    @cached_property
-    def touched(self) -> NDArray[np.bool_]:
-        """Pixels that may differ from the photo, (H, W)."""
-        result = np.zeros(self.image.shape[:2], np.bool_)
-        if self.head_map is not None:
-            (x, y), (h, w) = self.head_map.origin, self.head_map.displacement.shape[:2]
-            result[y : y + h, x : x + w] = (self.head_map.displacement != 0).any(axis=2)
-        return result
 
 
 class PhotoSynthesiser:
@@ -102,16 +96,17 @@ class PhotoSynthesiser:
 
     def draw(self, target: MeshView, gaze: NDArray[np.floating] | None = None) -> Synthesis:
         """Return the photo with its face as in `target`; `gaze` (2, 2) turns the eyeballs, radians."""
-        image = self.photo.copy()
+        image, touched = self.photo.copy(), np.zeros(self.photo.shape[:2], np.bool_)
         found = self.field.map_of(target)
-        if found is None:
-            return Synthesis(image, 1.0, None)
-        (x, y), (h, w) = found.origin, found.displacement.shape[:2]
-        moved = (found.displacement != 0).any(axis=2)
-        columns, rows = np.arange(x, x + w, dtype=np.float32), np.arange(y, y + h, dtype=np.float32)[:, None]
-        part = np.ascontiguousarray(image[y : y + h, x : x + w])
-        resample(
-            self.photo, found.displacement[..., 0] + columns, found.displacement[..., 1] + rows, where=moved, out=part
-        )
-        image[y : y + h, x : x + w] = part
-        return Synthesis(image, found.smallest_jacobian, found)
+        if found is not None:
+            (x, y), (h, w) = found.origin, found.displacement.shape[:2]
+            moved = touched[y : y + h, x : x + w]
+            moved |= found.displacement[..., 0] != 0
+            moved |= found.displacement[..., 1] != 0
+            columns, rows = np.arange(x, x + w, dtype=np.float32), np.arange(y, y + h, dtype=np.float32)[:, None]
+            part = np.ascontiguousarray(image[y : y + h, x : x + w])
+            to_x, to_y = found.displacement[..., 0] + columns, found.displacement[..., 1] + rows
+            image[y : y + h, x : x + w] = resample(self.photo, to_x, to_y, where=moved, out=part)
+        if self.inner is not None and (found is not None or gaze is not None):
+            self.inner.paint(image, target, gaze, touched)
+        return Synthesis(image, 1.0 if found is None else found.smallest_jacobian, found, touched)
