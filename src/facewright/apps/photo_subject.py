@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from facewright.faces.attach_parts import PartsAttacher
     from facewright.faces.face import Face
     from facewright.imaging.synthesis import PhotoSynthesiser
+    from facewright.io.image import PhotoFile
     from facewright.landmarks.detector import LandmarkDetector
     from facewright.models.bilinear import BilinearModel
 
@@ -254,12 +255,29 @@ def open_photo_subject(
     if n_faces > 1:
         which = "the largest" if face_index == 0 else f"number {face_index}"
         remarks.append(f"{n_faces} faces were found, {which} is used; --face chooses another.")
-    subject = _completed(file, fit, face, found, tuple(remarks))
+    subject = complete_subject(file, fit, face, found, tuple(remarks))
     report("ready", _STAGES)
     return subject
 
 
-def _completed(file: Any, fit: PhotoFit, face: Face, found: Landmarks, remarks: tuple[str, ...]) -> PhotoSubject:
+def complete_subject(
+    file: PhotoFile, fit: PhotoFit, face: Face, found: Landmarks, remarks: tuple[str, ...] = ()
+) -> PhotoSubject:
+    """Complete a fitted photo's person with all parts, gaze and residual.
+
+    Parameters
+    ----------
+    file : PhotoFile
+        The photo.
+    fit : PhotoFit
+        Its fit, by itself or with one identity for several photos.
+    face : Face
+        All parts of the face that the fit's model was built with.
+    found : Landmarks
+        What was fitted to, of its own scheme.
+    remarks : tuple of str
+        Kept in the subject.
+    """
     rig, attacher = _complete_rig(fit, face)
     V = face.topology.n_vertices
     subject = PhotoSubject(
