@@ -1,0 +1,287 @@
+"""Fitting a video: one identity for the whole clip, FACS coefficients and head pose in every frame (4.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.camera.pinhole import Intrinsics
+from facewright.errors import DegenerateError, ValueRangeError
+from facewright.fitting.clip_person import (
+    ClipPersonFitter,
+    FrameState,
+    fit_frame,
+    frame_quadratic,
+    spread_frames,
+    start_state,
+)
+from facewright.fitting.dense_model import N_POSE, ClipPerson, DenseModel
+from facewright.fitting.energies.expression_prior import ExpressionPrior
+from facewright.fitting.performance_smoothing import fill_gaps, smooth_coefficients, smooth_motion
+from facewright.fitting.perspective_refinement import CameraPrior
+from facewright.landmarks.dense import DensePoints
+from facewright.landmarks.points import interocular_distance
+from facewright.landmarks.track import LandmarkTrack
+from facewright.models.bilinear import BilinearModel
+from facewright.models.blendshapes import BlendshapeRig
+from facewright.models.performance import Performance
+
+Progress = Callable[[str, int, int], None]
+
+#: Frames among which key frames are chosen.
+_CANDIDATES = 160
+#: Frames that are smoothed together, and how many at each end are only looked at.
+_CHUNK, _MARGIN = 750, 50
+
+
+@dataclass(frozen=True)
+class VideoFitOptions:
+    """How a video is fitted.
+
+    Parameters
+    ----------
+    key_frames : int
+        Frames from which the identity is found.
+    focal_length : float or None
+        Focal length in pixels where it is known; guessed from the picture's size, and refined, otherwise.
+    expression_spread, expression_sparsity : float
+        Prior of the FACS coefficients, see `ExpressionPrior`.
+    smoothness : float
+        Strength of the smoothing over time; 0 leaves every frame on its own.
+    """
+
+    key_frames: int = 14
+    focal_length: float | None = None
+    expression_spread: float = 0.35
+    expression_sparsity: float = 1.0
+    smoothness: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.key_frames < 1:
+            raise ValueRangeError(f"key_frames must be at least 1, got {self.key_frames}.")
+        if not self.expression_spread > 0:
+            raise ValueRangeError(f"expression_spread must be positive, got {self.expression_spread}.")
+        if self.smoothness < 0 or self.expression_sparsity < 0:
+            raise ValueRangeError(
+                f"smoothness and expression_sparsity must not be negative, got {self.smoothness} and "
+                f"{self.expression_sparsity}."
+            )
+        if self.focal_length is not None and not (np.isfinite(self.focal_length) and self.focal_length > 0):
+            raise ValueRangeError(f"focal_length must be positive, got {self.focal_length}.")
+
+
+@dataclass(frozen=True, eq=False)
+class ClipIdentity:
+    """Who acts in a clip, and through which lens.
+
+    Parameters
+    ----------
+    model : BilinearModel
+        The model it was fitted with.
+    identity_weights : ndarray of shape (I,)
+        w_id, one for all frames.
+    intrinsics : Intrinsics
+        The camera.
+    person : ClipPerson
+        The same person at the detector's points.
+    """
+
+    model: BilinearModel
+    identity_weights: NDArray[np.float64]
+    intrinsics: Intrinsics
+    person: ClipPerson
+
+    @property
+    def rig(self) -> BlendshapeRig:
+        """The person's neutral and FACS blendshapes: eq. (17)."""
+        return self.model.blendshapes(self.identity_weights)
+
+
+@dataclass(frozen=True, eq=False)
+class VideoFit:
+    """A face followed through a clip.
+
+    Parameters
+    ----------
+    identity : ClipIdentity
+        Who.
+    performance : Performance
+        What: absolute coefficients (all zero is the neutral), head motion, gaze. Frames without a face hold the last
+        expression for a moment and then ease to the neutral.
+    residuals_iod : ndarray of shape (T,)
+        Mean distance of the detected points from the fit's, as a share of the inter-ocular distance; NaN in frames
+        without a face.
+    """
+
+    identity: ClipIdentity
+    performance: Performance
+    residuals_iod: NDArray[np.float64]
+
+
+class VideoFitter:
+    """Fits clips with one model; keeps what does not depend on the clip.
+
+    Parameters
+    ----------
+    model : BilinearModel
+        The model.
+    options : VideoFitOptions, optional
+        Defaults where absent.
+    points : DensePoints, optional
+        What the detector's points are on the model's mesh; looked up where absent.
+
+    Raises
+    ------
+    TopologyError
+        If it is not known what the detector's points are on the model's mesh.
+    """
+
+    def __init__(
+        self, model: BilinearModel, options: VideoFitOptions | None = None, points: DensePoints | None = None
+    ) -> None:
+        self.model = model
+        self.options = options or VideoFitOptions()
+        self.dense = DenseModel(model, points)
+        self._prior = ExpressionPrior(self.options.expression_spread, self.options.expression_sparsity)
+
+    def identity(self, track: LandmarkTrack) -> ClipIdentity:
+        """Find who acts, from key frames of the whole clip that are unlike one another.
+
+        Raises
+        ------
+        DegenerateError
+            If no frame of the track has a face.
+        """
+        tracked = np.flatnonzero(track.tracked)
+        if not len(tracked):
+            raise DegenerateError("a face must be seen in at least one frame of the clip, got none.")
+        rows = tracked[np.unique(np.linspace(0, len(tracked) - 1, _CANDIDATES).astype(int))]
+        founds = np.array([self.dense.detected(track.points[row]) for row in rows])
+        lens = self._lens(track.image_size)
+        guess = Intrinsics.for_image(track.image_size, lens.focal_length)
+        keys = spread_frames(self.dense, founds, self.options.key_frames, guess)
+        person, intrinsics, _ = ClipPersonFitter(self.dense, self._prior, lens).fit(
+            list(founds[keys]), track.image_size
+        )
+        return ClipIdentity(self.model, self.dense.identity_of(person), intrinsics, person)
+
+    def fit(
+        self, track: LandmarkTrack, identity: ClipIdentity | None = None, progress: Progress | None = None
+    ) -> VideoFit:
+        """Follow the face through a clip.
+
+        Parameters
+        ----------
+        track : LandmarkTrack
+            The detector's points.
+        identity : ClipIdentity, optional
+            Who acts, where it is known from `identity`; found first where absent.
+        progress : callable, optional
+            Called with stage, done, total.
+
+        Returns
+        -------
+        VideoFit
+            Coefficients, poses and residuals of all frames.
+
+        Raises
+        ------
+        DegenerateError
+            If no frame of the track has a face.
+        """
+        who = identity or self.identity(track)
+        T, B = track.n_frames, self.dense.n_shapes
+        weights, residuals = np.zeros((T, B)), np.full(T, np.nan)
+        rotations, translations = np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3))
+        for run in _runs(track):
+            for chunk, kept in _chunks(run):
+                states, beta = self._fit_chunk(track, who, chunk, progress)
+                motion = smooth_motion([state.pose for state in states], track.times[chunk], self.options.smoothness)
+                inner = slice(kept.start - chunk.start, kept.stop - chunk.start)
+                weights[kept] = beta[inner]
+                rotations[kept], translations[kept] = motion[0][inner], motion[1][inner]
+                for row in range(kept.start, kept.stop):
+                    residuals[row] = self._residual(track, who, row, states[row - chunk.start])
+        performance = Performance(
+            times=track.times,
+            names=self.dense.names,
+            weights=np.clip(weights, 0.0, 1.0),
+            rotations=rotations,
+            translations=translations,
+            gaze=np.zeros((T, 2, 2)),
+            tracked=track.tracked.copy(),
+        )
+        return VideoFit(who, fill_gaps(performance), residuals)
+
+    def _fit_chunk(
+        self, track: LandmarkTrack, who: ClipIdentity, chunk: slice, progress: Progress | None
+    ) -> tuple[list[FrameState], NDArray[np.float64]]:
+        """Fit each frame from where the one before ended, then smooth the coefficients over time."""
+        B = self.dense.n_shapes
+        n = chunk.stop - chunk.start
+        hessians, slopes = np.empty((n, B, B)), np.empty((n, B))
+        states: list[FrameState] = []
+        for k in range(n):
+            found = self.dense.detected(track.points[chunk.start + k])
+            start = states[-1] if k else start_state(self.dense, found, who.person, who.intrinsics)
+            state = fit_frame(self.dense, found, who.person, self._prior, start, 1 if k else 5)
+            H, g = frame_quadratic(self.dense, found, who.person, self._prior, state)
+            hessians[k], slopes[k], state = _without_pose(H, g, state)
+            states.append(state)
+            if progress is not None:
+                progress("fitting frames", chunk.start + k + 1, track.n_frames)
+        beta = np.array([state.beta for state in states])
+        if self.options.smoothness > 0:
+            step = np.diff(track.times[chunk])
+            beta = smooth_coefficients(hessians, slopes, beta, step, self.dense.names, self.options.smoothness)
+        return [FrameState(state.pose, row) for state, row in zip(states, beta, strict=True)], beta
+
+    def _residual(self, track: LandmarkTrack, who: ClipIdentity, row: int, state: FrameState) -> float:
+        found = self.dense.detected(track.points[row])
+        distance = np.linalg.norm(found - self.dense.predict(who.person, state.pose, state.beta), axis=1)
+        return float(distance.mean()) / interocular_distance(track.points[row], "mediapipe478")
+
+    def _lens(self, image_size: tuple[int, int]) -> CameraPrior:
+        if self.options.focal_length is not None:
+            return CameraPrior(self.options.focal_length, 0.02)
+        return CameraPrior(Intrinsics.for_image(image_size).focal_x, 0.3)
+
+
+def fit_video(model: BilinearModel, track: LandmarkTrack, options: VideoFitOptions | None = None) -> VideoFit:
+    """Fit one clip; one line over `VideoFitter`."""
+    return VideoFitter(model, options).fit(track)
+
+
+def _without_pose(
+    H: NDArray[np.float64], g: NDArray[np.float64], state: FrameState
+) -> tuple[NDArray[np.float64], NDArray[np.float64], FrameState]:
+    """Return the quadratic in beta alone (Hessian, slope at beta = 0), and the state at its minimum within bounds."""
+    from facewright.fitting.perspective_refinement import bounded_step
+
+    n = N_POSE
+    solved = np.linalg.solve(H[:n, :n], np.column_stack([H[:n, n:], g[:n]]))
+    S = H[n:, n:] - H[n:, :n] @ solved[:, :-1]
+    slope = g[n:] - H[n:, :n] @ solved[:, -1] - S @ state.beta
+    step, beta = bounded_step(H, g, n, state.beta, 0.0)
+    return S, slope, FrameState(state.pose.moved(step), beta)
+
+
+def _runs(track: LandmarkTrack) -> list[slice]:
+    """Return the unbroken runs of tracked frames."""
+    runs = []
+    for shot in track.shots():
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], track.tracked[shot], [False]]).astype(int)))
+        runs += [slice(shot.start + int(a), shot.start + int(b)) for a, b in edges.reshape(-1, 2)]
+    return runs
+
+
+def _chunks(run: slice) -> list[tuple[slice, slice]]:
+    """Return pieces of a run: what is fitted, and what of it is kept."""
+    pieces = []
+    for start in range(run.start, run.stop, _CHUNK):
+        stop = min(start + _CHUNK, run.stop)
+        pieces.append((slice(max(start - _MARGIN, run.start), min(stop + _MARGIN, run.stop)), slice(start, stop)))
+    return pieces
