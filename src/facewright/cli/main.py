@@ -10,6 +10,7 @@ import typer
 
 from facewright import __version__
 from facewright.cli import (
+    animate,
     build,
     capture,
     demo,
@@ -61,6 +62,7 @@ app.command("build")(build.build)
 app.command("fit")(fit.fit)
 app.command("fit-scan")(fit_scan.fit_scan)
 app.command("edit")(edit.edit)
+app.command("animate")(animate.animate)
 app.command("export")(export.export)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(capture.app, name="capture")
