@@ -22,7 +22,9 @@ from facewright.cli import (
     fit_scan,
     info,
     model,
+    retarget,
     simulate,
+    track,
     warehouse,
 )
 from facewright.cli.console import EXIT_INTERRUPTED, FacewrightGroup
@@ -62,6 +64,8 @@ app.command("build")(build.build)
 app.command("fit")(fit.fit)
 app.command("fit-scan")(fit_scan.fit_scan)
 app.command("edit")(edit.edit)
+app.command("track")(track.track)
+app.command("retarget")(retarget.retarget)
 app.command("animate")(animate.animate)
 app.command("export")(export.export)
 app.add_typer(simulate.app, name="simulate")
