@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import RigidMotion
+from facewright.mesh.topology import Topology
 from facewright.numeric.similarity import estimate_similarity
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 _ANCHORS = (0, 1, 13, 14, 27, 31, 35, 39, 43)
 
 
-def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating[Any]]) -> MeshView:
+def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating]) -> MeshView:
     """Return the view of a photo's person with other identity weights: same expression, gaze, camera and place.
 
     The new head is put where the old one is by its eyes, ears and temples, so that a longer face has its chin lower
@@ -31,10 +32,15 @@ def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating[Any
     identity_weights : ndarray of shape (I,)
         The new ones.
     """
-    vertices = subject.vertices(identity_weights=identity_weights)
     rest = np.zeros_like(subject.weights)
-    ids = subject.face.topology.landmarks["fw74"][list(_ANCHORS)]
-    old = subject.vertices(weights=rest)[ids]
-    new = subject.vertices(identity_weights=identity_weights, weights=rest)[ids]
-    fit = estimate_similarity(new, old, with_scale=False)
-    return subject.view(vertices, subject.camera_from_model.after(RigidMotion(fit.rotation, fit.translation)))
+    neutral = subject.vertices(identity_weights=identity_weights, weights=rest)
+    place = same_place(neutral, subject.rig.neutral, subject.face.topology)
+    vertices = subject.vertices(identity_weights=identity_weights)
+    return subject.view(vertices, subject.camera_from_model.after(place))
+
+
+def same_place(new: NDArray[np.floating], old: NDArray[np.floating], topology: Topology) -> RigidMotion:
+    """Return the motion that puts a neutral face (V, 3) where another of its topology is, by eyes, ears and temples."""
+    ids = topology.landmarks["fw74"][list(_ANCHORS)]
+    fit = estimate_similarity(new[ids], old[ids], with_scale=False)
+    return RigidMotion(fit.rotation, fit.translation)
