@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 # Columns of the vertex attributes that `compose` takes.
-SOURCE_X, SOURCE_Y, LID, LID_R, LID_G, LID_B, LASH, WET = range(8)
-N_SKIN_COLUMNS = 8
+SOURCE_X, SOURCE_Y, LID, LID_R, LID_G, LID_B, LASH, WET, RIM = range(9)
+N_SKIN_COLUMNS = 9
 # and of what is drawn in the mouth
 LIGHT_R, LIGHT_G, LIGHT_B, FLESH, CAVITY, GROOVE, DEPTH = range(7)
 N_MOUTH_COLUMNS = 7
@@ -24,8 +24,7 @@ def _look_up(picture, x, y, out):  # type: ignore[no-untyped-def]
     for c in range(channels):
         out[c] = 0.0
     for j in range(-1, 3):
-        v = s - j if j > 0 else s - j
-        v = abs(v)
+        v = abs(s - j)
         wy = (1.5 * v - 2.5) * v * v + 1.0 if v <= 1.0 else ((-0.5 * v + 2.5) * v - 4.0) * v + 2.0
         row = min(max(yi + j, 0), h - 1)
         for i in range(-1, 3):
@@ -101,96 +100,137 @@ def compose(  # type: ignore[no-untyped-def]
     A pixel is drawn anew only where one of its samples is not plain skin. See `InnerFace.paint` for the arguments.
     """
     rows, columns = face_index.shape[0] // step, face_index.shape[1] // step
-    colour = np.empty(3, np.float32)
-    over, under = np.zeros(5, np.float32), np.zeros(5, np.float32)
     for py in range(rows):
         for px in range(columns):
-            special = False
-            missing = 0
-            total_r, total_g, total_b = 0.0, 0.0, 0.0
-            for sy in range(step):
-                for sx in range(step):
-                    y, x = py * step + sy, px * step + sx
-                    f = face_index[y, x]
-                    if f < 0:
-                        missing += 1
-                        continue
-                    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
-                    u, v, w = barycentric[y, x, 0], barycentric[y, x, 1], barycentric[y, x, 2]
-                    kind = kinds[f]
-                    below = (y - edges[0, x]) / step / px_per_mm if edges[0, x] >= 0 else 0.0
-                    if kind <= 1:
-                        at_x = u * skin[a, 0] + v * skin[b, 0] + w * skin[c, 0] - origin_x
-                        at_y = u * skin[a, 1] + v * skin[b, 1] + w * skin[c, 1] - origin_y
-                        lid = u * skin[a, 2] + v * skin[b, 2] + w * skin[c, 2]
-                        wet = u * skin[a, 7] + v * skin[b, 7] + w * skin[c, 7]
-                        if kind == 1 or lid > 0.004 or wet > 0.01 or _linear_look_up(replaced, at_x, at_y) > 0.01:
-                            special = True
-                        _look_up(skin_picture, at_x, at_y, colour)
-                        if lid > 0.004:
-                            lash = u * skin[a, 6] + v * skin[b, 6] + w * skin[c, 6]
-                            dark = np.exp(-((lash / 0.9) ** 2)) * lash_colour[3]
-                            for k in range(3):
-                                lid_colour = u * skin[a, 3 + k] + v * skin[b, 3 + k] + w * skin[c, 3 + k]
-                                lid_colour += (lash_colour[k] - lid_colour) * dark
-                                colour[k] += (lid_colour - colour[k]) * lid
-                        if wet > 0.01:
-                            colour[0] *= 1 - 0.25 * wet
-                            colour[1] *= 1 - 0.40 * wet
-                            colour[2] *= 1 - 0.38 * wet
-                    elif kind == 2:
-                        special = True
-                        at_x = u * skin[a, 0] + v * skin[b, 0] + w * skin[c, 0] - eye_x
-                        at_y = u * skin[a, 1] + v * skin[b, 1] + w * skin[c, 1] - eye_y
-                        _look_up(eye_picture, at_x, at_y, colour)
-                        dim = 1 - shadow * np.exp(-below / shadow_mm)
-                        for k in range(3):
-                            colour[k] *= dim
-                    else:
-                        special = True
-                        tx, ty = x0 + (x + 0.5) / step - 0.5, y0 + (y + 0.5) / step - 0.5
-                        _look_up_layer(skull, tx, ty, skull_map, over)
-                        _look_up_layer(jaw, tx, ty, jaw_map, under)
-                        flesh = u * mouth[a, 3] + v * mouth[b, 3] + w * mouth[c, 3]
-                        flesh = min(max((flesh - 0.35) / 0.3, 0.0), 1.0)
-                        cavity = u * mouth[a, 4] + v * mouth[b, 4] + w * mouth[c, 4]
-                        groove = u * mouth[a, 5] + v * mouth[b, 5] + w * mouth[c, 5]
-                        depth = u * mouth[a, 6] + v * mouth[b, 6] + w * mouth[c, 6]
-                        dim = np.exp(-max(depth, 0.0) / depth_mm) * (1 - shadow * np.exp(-below / shadow_mm))
-                        if kind == 3:  # drawn teeth give way to those of the photo
-                            hole = over[4]
-                        elif kind == 4:
-                            hole = under[4]
-                        else:
-                            hole = 0.0
-                        tooth = 1 - 0.55 * groove * np.sqrt(max(groove, 0.0))
-                        for k in range(3):
-                            light = u * mouth[a, k] + v * mouth[b, k] + w * mouth[c, k]
-                            albedo = tooth_colour[k] * tooth
-                            albedo += (flesh_colour[k] - albedo) * flesh
-                            albedo += (cavity_colour[k] - albedo) * max(cavity, hole)
-                            value = _encode(albedo * light * dim * (1 - 0.7 * hole), encode)
-                            value += (under[k] - value) * min(max(under[3], 0.0), 1.0)
-                            value += (over[k] - value) * min(max(over[3], 0.0), 1.0)
-                            colour[k] = value
-                    total_r += colour[0]
-                    total_g += colour[1]
-                    total_b += colour[2]
-            if not special or missing == step * step:
+            _compose_pixel(
+                image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
+                skin, skin_picture, replaced, origin_x, origin_y, lash_colour,
+                eye_picture, eye_x, eye_y, shadow, shadow_mm,
+                mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
+                skull, skull_map, jaw, jaw_map, encode,
+            )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def _compose_pixel(  # type: ignore[no-untyped-def]
+    image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
+    skin, skin_picture, replaced, origin_x, origin_y, lash_colour,
+    eye_picture, eye_x, eye_y, shadow, shadow_mm,
+    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
+    skull, skull_map, jaw, jaw_map, encode,
+):  # fmt: skip
+    colour = np.empty(3, np.float32)
+    over, under = np.zeros(5, np.float32), np.zeros(5, np.float32)
+    total_r, total_g, total_b = 0.0, 0.0, 0.0
+    seen, bare = 0, 0
+    place_x, place_y, rim, special = 0.0, 0.0, 0.0, False
+    # skin alone is looked up once, at the middle of its samples
+    for sy in range(step):
+        for sx in range(step):
+            y, x = py * step + sy, px * step + sx
+            f = face_index[y, x]
+            if f < 0:
                 continue
-            iy, ix = y0 + py, x0 + px
-            known = 1.0 / (step * step - missing)
-            share = mix * (1.0 - missing / (step * step))
-            total_r *= known
-            total_g *= known
-            total_b *= known
-            image[iy, ix, 0] = np.uint8(
-                min(max(image[iy, ix, 0] + (total_r - image[iy, ix, 0]) * share + 0.5, 0.0), 255.0)
-            )
-            image[iy, ix, 1] = np.uint8(
-                min(max(image[iy, ix, 1] + (total_g - image[iy, ix, 1]) * share + 0.5, 0.0), 255.0)
-            )
-            image[iy, ix, 2] = np.uint8(
-                min(max(image[iy, ix, 2] + (total_b - image[iy, ix, 2]) * share + 0.5, 0.0), 255.0)
-            )
-            touched[iy, ix] = True
+            seen += 1
+            if kinds[f] > 1:
+                special = True
+                continue
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            u, v, w = barycentric[y, x, 0], barycentric[y, x, 1], barycentric[y, x, 2]
+            bare += 1
+            place_x += u * skin[a, 0] + v * skin[b, 0] + w * skin[c, 0]
+            place_y += u * skin[a, 1] + v * skin[b, 1] + w * skin[c, 1]
+            rim += u * skin[a, 8] + v * skin[b, 8] + w * skin[c, 8]
+            if skin[a, 2] + skin[b, 2] + skin[c, 2] > 0.01 or skin[a, 7] + skin[b, 7] + skin[c, 7] > 0.02:
+                special = True
+    if seen == 0:
+        return
+    if bare > 0:
+        rim /= bare
+        place_x = place_x / bare - origin_x
+        place_y = place_y / bare - origin_y
+        if rim <= 0.004 and not special:
+            return
+    if not special:
+        _look_up(skin_picture, place_x, place_y, colour)
+        total_r, total_g, total_b = colour[0] * seen, colour[1] * seen, colour[2] * seen
+    else:
+        rim = 1.0
+        for sy in range(step):
+            for sx in range(step):
+                y, x = py * step + sy, px * step + sx
+                f = face_index[y, x]
+                if f < 0:
+                    continue
+                a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+                u, v, w = barycentric[y, x, 0], barycentric[y, x, 1], barycentric[y, x, 2]
+                kind = kinds[f]
+                below = (y - edges[0, x]) / (step * px_per_mm) if edges[0, x] >= 0 else 0.0
+                if kind <= 1:
+                    at_x = u * skin[a, 0] + v * skin[b, 0] + w * skin[c, 0] - origin_x
+                    at_y = u * skin[a, 1] + v * skin[b, 1] + w * skin[c, 1] - origin_y
+                    lid = u * skin[a, 2] + v * skin[b, 2] + w * skin[c, 2]
+                    wet = u * skin[a, 7] + v * skin[b, 7] + w * skin[c, 7]
+                    _look_up(skin_picture, at_x, at_y, colour)
+                    if lid > 0.004:
+                        lash = u * skin[a, 6] + v * skin[b, 6] + w * skin[c, 6]
+                        dark = np.exp(-((lash / 0.9) ** 2)) * lash_colour[3]
+                        for k in range(3):
+                            lid_colour = u * skin[a, 3 + k] + v * skin[b, 3 + k] + w * skin[c, 3 + k]
+                            lid_colour += (lash_colour[k] - lid_colour) * dark
+                            colour[k] += (lid_colour - colour[k]) * lid
+                    if wet > 0.01:
+                        colour[0] *= 1 - 0.25 * wet
+                        colour[1] *= 1 - 0.36 * wet
+                        colour[2] *= 1 - 0.34 * wet
+                elif kind == 2:
+                    at_x = u * skin[a, 0] + v * skin[b, 0] + w * skin[c, 0] - eye_x
+                    at_y = u * skin[a, 1] + v * skin[b, 1] + w * skin[c, 1] - eye_y
+                    _look_up(eye_picture, at_x, at_y, colour)
+                    dim = 1 - shadow * np.exp(-below / shadow_mm)
+                    for k in range(3):
+                        colour[k] *= dim
+                else:
+                    tx, ty = x0 + (x + 0.5) / step - 0.5, y0 + (y + 0.5) / step - 0.5
+                    _look_up_layer(skull, tx, ty, skull_map, over)
+                    _look_up_layer(jaw, tx, ty, jaw_map, under)
+                    flesh = u * mouth[a, 3] + v * mouth[b, 3] + w * mouth[c, 3]
+                    flesh = min(max((flesh - 0.35) / 0.3, 0.0), 1.0)
+                    cavity = u * mouth[a, 4] + v * mouth[b, 4] + w * mouth[c, 4]
+                    groove = u * mouth[a, 5] + v * mouth[b, 5] + w * mouth[c, 5]
+                    depth = u * mouth[a, 6] + v * mouth[b, 6] + w * mouth[c, 6]
+                    height = (edges[1, x] - edges[0, x] + 1) / (step * px_per_mm)
+                    slit = min(max((height + 0.3) / 2.0, 0.2), 1.0)  # little light gets between lips
+                    dim = np.exp(-max(depth, 0.0) / depth_mm) * (1 - shadow * np.exp(-below / shadow_mm))
+                    dim *= slit * height / (height + 1.2)
+                    if kind == 3:  # drawn teeth give way to those of the photo
+                        hole = over[4]
+                    elif kind == 4:
+                        hole = under[4]
+                    else:
+                        hole = 0.0
+                    hole = min(max(hole, 0.0), 1.0)
+                    tooth = 1 - 0.55 * groove * np.sqrt(max(groove, 0.0))
+                    for k in range(3):
+                        light = u * mouth[a, k] + v * mouth[b, k] + w * mouth[c, k]
+                        albedo = tooth_colour[k] * tooth
+                        albedo += (flesh_colour[k] - albedo) * flesh
+                        albedo += (cavity_colour[k] - albedo) * max(cavity, hole)
+                        value = _encode(albedo * light * dim * (1 - 0.7 * hole), encode)
+                        value += (under[k] * slit - value) * min(max(under[3], 0.0), 1.0)
+                        value += (over[k] * slit - value) * min(max(over[3], 0.0), 1.0)
+                        colour[k] = value
+                total_r += colour[0]
+                total_g += colour[1]
+                total_b += colour[2]
+    iy, ix = y0 + py, x0 + px
+    share = mix * rim * (seen / (step * step))
+    image[iy, ix, 0] = _mixed(image[iy, ix, 0], total_r / seen, share)
+    image[iy, ix, 1] = _mixed(image[iy, ix, 1], total_g / seen, share)
+    image[iy, ix, 2] = _mixed(image[iy, ix, 2], total_b / seen, share)
+    touched[iy, ix] = True
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _mixed(before, after, share):  # type: ignore[no-untyped-def]
+    return np.uint8(min(max(before + (after - before) * share + 0.5, 0.0), 255.0))

@@ -84,13 +84,14 @@ def eye_layer(
         The eyeball; where the photo does not show it, the white of the eye goes on and the iris is round.
     """
     values = photo.astype(np.float32)
-    sure = _sure(seen, values, px_per_mm)
+    sure = _sure(seen, px_per_mm)
     light = lid_shadow(below_mm)[..., None].astype(np.float32)
     bare = np.minimum(values / light, 255.0)
     open_eye = int(sure.sum()) >= _LEAST_SEEN
     if open_eye:
         iris = find_iris(values @ _LUMINANCE, sure, iris)
     radius = _radius(photo.shape[:2], iris)
+    sure &= (radius < 1.05) | _white(values, sure & (radius > 1.05))
     usual_white = 255.0 * srgb_from_linear(_SCLERA_ALBEDO * white).astype(np.float32)
     sclera = _sclera(bare, sure & (radius > 1.12), usual_white, px_per_mm)
     disc = _iris_disc(bare, sure, radius, white)
@@ -105,21 +106,26 @@ def eye_layer(
     return EyeLayer(np.ascontiguousarray(picture, np.float32), origin, where, middle, open_eye)
 
 
-def _sure(seen: NDArray[np.bool_], values: NDArray[np.float32], px_per_mm: float) -> NDArray[np.bool_]:
+def _sure(seen: NDArray[np.bool_], px_per_mm: float) -> NDArray[np.bool_]:
     """Return the pixels that show the eyeball for certain: clear of the lids' edges and of lashes."""
     away = ndimage.distance_transform_edt(np.pad(seen, 1))[1:-1, 1:-1]
-    inside = away > max(1.0, 0.5 * px_per_mm)
-    # the upper lid's lashes hang into the picture of the eye
-    hang = max(1, round(0.5 * px_per_mm))
-    shifted = np.zeros_like(inside)
-    shifted[hang:] = inside[:-hang]
-    inside &= shifted
-    if not inside.any():
-        return inside
-    # redder than the rest are lids and the corner's flesh
+    inside = np.asarray(away > max(1.0, 0.5 * px_per_mm))
+    hang = round(0.5 * px_per_mm)  # the upper lid's lashes hang into the picture of the eye
+    if hang:
+        shifted = np.zeros_like(inside)
+        shifted[hang:] = inside[:-hang]
+        inside &= shifted
+    return inside
+
+
+def _white(values: NDArray[np.float32], around: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell what may be the white of the eye: neither the redder flesh of corner and lids, nor dark lashes."""
+    if not around.any():
+        return around
     red = (values[..., 0] + 8) / (values[..., 1:].mean(axis=2) + 8)
-    typical = np.median(red[inside])
-    return inside & (red < max(1.35, 1.25 * float(typical)))
+    bright = values @ _LUMINANCE
+    typical, usual = np.percentile(red[around], 35), np.percentile(bright[around], 80)
+    return np.asarray((red < max(1.25, 1.2 * float(typical))) & (bright > 0.5 * usual))
 
 
 def _radius(shape: tuple[int, ...], iris: NDArray[np.floating]) -> NDArray[np.float32]:

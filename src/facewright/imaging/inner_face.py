@@ -28,7 +28,7 @@ from facewright.imaging.inner_parts import (
 )
 from facewright.imaging.lid_skin import LidSkin, lid_skin, unit_normals
 from facewright.imaging.mesh_view import MeshView
-from facewright.imaging.mouth_layer import MouthLayers, mouth_layers
+from facewright.imaging.mouth_layer import MouthLayers, mouth_layers, trim_lips
 from facewright.imaging.photo_light import PhotoLight, estimate_light
 from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.imaging.skin_layer import skin_layer
@@ -37,6 +37,8 @@ from facewright.numeric.check import check_shape
 #: sRGB of teeth, gums and tongue, and of the mouth's walls, in white light.
 _TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.42, 0.15, 0.14)
 _TEETH_BEHIND_LIPS_MM = 6.0
+_TOUCH_MM = 0.9
+_SCLERA_ALBEDO = 0.6
 #: Motion of an opening against itself, mm: below the first the plain warp of the photo is right.
 _MOTION_MM = (0.25, 1.0)
 _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
@@ -175,16 +177,18 @@ class InnerFace:
         (x0, y0, x1, y1), fragments, scale = self._look(opening, 10.0)
         crop = photo[y0:y1, x0:x1]
         kinds = np.where(fragments.covered, opening.kinds[fragments.face_index], SKIN)
-        inside = kinds > SKIN
         lips = self._lips(opening, fragments)
+        colour = np.median(crop[lips & (kinds == SKIN)].astype(np.float64), axis=0) if lips.any() else np.full(3, 128.0)
+        inside = trim_lips(crop, kinds > SKIN, colour, round(3.0 * scale))
         picture, replaced = skin_layer(
-            crop, inside, inset_px=max(1.0, 0.4 * scale), doubt_px=max(2.0, 2.0 * scale), wanted=lips
-        )
-        colour = (
-            np.median(crop[lips & ~inside].astype(np.float64), axis=0) if (lips & ~inside).any() else np.full(3, 128.0)
+            crop,
+            inside | self._seam(opening, fragments, scale),
+            inset_px=max(1.0, 0.4 * scale),
+            doubt_px=max(2.0, 2.0 * scale),
+            wanted=lips,
         )
         white = self.light.irradiance(np.array([[0.0, 0.0, -1.0]]))[0]
-        gum = 255.0 * srgb_from_linear(0.6 * white * linear_from_srgb(np.array(_FLESH)))
+        gum = 255.0 * srgb_from_linear(0.8 * white * linear_from_srgb(np.array(_FLESH)))
         layers = mouth_layers(crop, (x0, y0), inside, colour, self._incisal(opening, (x0, y0, x1, y1)), scale, gum)
         self._prepare_colours(layers)
         return _Prepared(opening, self.source.pixels[opening.vertices], picture, replaced, (x0, y0), layers=layers)
@@ -193,6 +197,11 @@ class InnerFace:
         weight = np.zeros((len(opening.vertices), 1), np.float32)
         weight[opening.rim] = 1.0
         return np.asarray(fragments.interpolate(opening.faces, weight)[..., 0] > 0.5)
+
+    def _seam(self, opening: Opening, fragments: Fragments, scale: float) -> NDArray[np.bool_]:
+        """Return the pixels along the line between closed lips: a dark line, or teeth in a slit."""
+        near = fragments.interpolate(opening.faces, opening.seam[:, None])[..., 0]
+        return np.asarray(fragments.covered & (near > (0.5 if scale > 1 else 0.25)))
 
     def _incisal(self, opening: Opening, box: tuple[int, int, int, int]) -> NDArray[np.float64]:
         """Return the lowest row of the drawn upper teeth in each column of a box in the photo."""
@@ -247,7 +256,7 @@ class InnerFace:
         mix = _ease((moved - _MOTION_MM[0]) / (_MOTION_MM[1] - _MOTION_MM[0]))
         if mix <= 0:
             return
-        gap = np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1)
+        gap = _gap(opening, seen)
         skin = np.zeros((len(ids), N_SKIN_COLUMNS), np.float32)
         skin[:, :2] = prepared.pixels
         skin[balls, :2] = lookup
@@ -255,7 +264,7 @@ class InnerFace:
         if skin[:, 2].any():
             normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds <= 1])
             skin[:, 3:6] = lid.shaded(normals, self.light)
-        skin[:, 6] = lid.lash_mm
+        skin[:, 6], skin[:, 8] = lid.lash_mm, opening.near
         self._draw(
             image, marks, prepared, target, scale, mix, skin, np.zeros((len(ids), N_MOUTH_COLUMNS), np.float32),
             eye.picture, eye.origin, LID_SHADOW, LID_SHADOW_MM, lid.lash_colour, 1.0, None,
@@ -274,11 +283,9 @@ class InnerFace:
             return
         skin = np.zeros((len(ids), N_SKIN_COLUMNS), np.float32)
         skin[:, :2] = prepared.pixels
-        lips = np.zeros(len(ids))
-        lips[opening.rim] = 1.0
-        skin[:, 7] = opening.hidden * lips
+        skin[:, 7], skin[:, 8] = self._wet(prepared, seen), opening.near
         normals = unit_normals(np.ascontiguousarray(seen), opening.faces)
-        gap = np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1)
+        gap = _gap(opening, seen)
         height = float(np.percentile(gap, 70)) if len(gap) else 0.0
         maps = tuple(
             _layer_map(opening, kind, pixels, prepared.pixels, layers.origin) for kind in (UPPER_TOOTH, LOWER_TOOTH)
@@ -287,6 +294,14 @@ class InnerFace:
             image, marks, prepared, target, scale, mix, skin, self._mouth_attributes(opening, normals),
             _NO_PICTURE, (0, 0), 0.35, 2.0, np.zeros(4, np.float32), 5.0 + 1.3 * height, maps,
         )  # fmt: skip
+
+    def _wet(self, prepared: _Prepared, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how dark the lips' inner sides are, (M,), and the line between closing lips."""
+        opening = prepared.opening
+        shut = 1 - np.clip(_gap(opening, seen) / _TOUCH_MM, 0, 1)
+        was_shut = 1 - np.clip(_gap(opening, self.source.camera_vertices[opening.vertices]) / _TOUCH_MM, 0, 1)
+        line = np.clip(shut - was_shut, 0, 1)[opening.pair]
+        return np.asarray(opening.hidden * opening.near + 1.3 * opening.seam * line)
 
     def _mouth_attributes(self, opening: Opening, normals: NDArray[np.float64]) -> NDArray[np.float32]:
         """Return light, and what they are made of, of the mouth's vertices: the columns that `compose` takes."""
@@ -379,6 +394,11 @@ class InnerFace:
         else:
             own = self._gaze[SIDES.index(side)]
         return np.asarray(moved @ head @ turn_of_gaze(gaze) @ turn_of_gaze(own).T @ head.T)
+
+
+def _gap(opening: Opening, seen: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return the distance between lips or lids at the pairs that touch, (K,), millimetres."""
+    return np.asarray(np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1))
 
 
 def _ease(value: float) -> float:

@@ -23,6 +23,8 @@ SIDES = ("right", "left")  # the order of `Performance.gaze`
 _SHELLS = ("lacrimal", "eye_blend", "eye_occlusion", "eyelash")  # see-through: not drawn
 _REACH_MM = {"mouth": 34.0, "eye": 30.0}  # skin up to here may hide an opening
 _HIDDEN_MM = 0.6
+_NEAR_MM = 4.0
+_SEAM_MM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,12 @@ class Opening:
         Places whose motion tells whether the opening only moves as a whole.
     hidden : ndarray of shape (M,), float64
         How far skin lies out of sight on the closed mouth and the open eye of the generic face, 0 to 1.
+    near : ndarray of shape (M,), float64
+        1 on lips or lids, falling to 0 around them.
+    seam : ndarray of shape (M,), float64
+        1 where lips or lids touch, falling to 0 within a millimetre.
+    pair : ndarray of shape (M,), int
+        The nearest of the pairs that touch.
     """
 
     name: str
@@ -58,12 +66,9 @@ class Opening:
     lower: NDArray[np.intp]
     probes: NDArray[np.intp]
     hidden: NDArray[np.float64]
-
-    def places(self, ids: NDArray[np.integer]) -> NDArray[np.intp]:
-        """Return where vertices of the face are within `vertices`; those that are not are left out."""
-        at = np.searchsorted(self.vertices, ids)
-        at = np.minimum(at, len(self.vertices) - 1)
-        return at[self.vertices[at] == ids]
+    near: NDArray[np.float64]
+    seam: NDArray[np.float64]
+    pair: NDArray[np.intp]
 
 
 @lru_cache(maxsize=4)
@@ -179,36 +184,38 @@ def _opening(face: Face, name: str, kinds: NDArray[np.int8], hidden: NDArray[np.
     distance = cKDTree(mean[rim]).query(mean[: face.n_skin], distance_upper_bound=reach)[0]
     near[: face.n_skin] = np.isfinite(distance)
     keep = near | inner
-    if name == "mouth":  # behind the first molars nothing is ever seen
-        keep &= mean[:, 2] > mean[rim, 2].max() - 62.0
     chosen = topology.faces[keep[topology.faces].all(axis=1)]
     vertices = np.unique(chosen)
     kind = kinds[chosen].max(axis=1)  # a triangle that joins skin and socket or cavity is the latter
-    compact = Opening(
+    pairs = np.isin(upper, vertices) & np.isin(lower, vertices)
+    upper, lower = upper[pairs], lower[pairs]
+    points = mean[vertices]
+    away = cKDTree(mean[rim]).query(points)[0]
+    touch, pair = cKDTree(np.concatenate([mean[upper], mean[lower]])).query(points)
+    skin = vertices < face.n_skin
+
+    def places(ids: NDArray[np.integer]) -> NDArray[np.intp]:
+        return np.searchsorted(vertices, np.intersect1d(ids, vertices))
+
+    return Opening(
         name=name,
         vertices=vertices,
         faces=np.searchsorted(vertices, chosen).astype(np.int32),
         kinds=kind.astype(np.uint8),
-        rim=np.empty(0, int),
-        upper=np.empty(0, int),
-        lower=np.empty(0, int),
-        probes=np.empty(0, int),
+        rim=places(rim),
+        upper=np.searchsorted(vertices, upper),
+        lower=np.searchsorted(vertices, lower),
+        probes=np.concatenate([places(upper), places(lower), places(_front(face, name, kinds))]),
         hidden=hidden[vertices],
+        near=skin * _ease((_NEAR_MM - away) / _NEAR_MM),
+        seam=skin * np.exp(-((touch / _SEAM_MM) ** 2)),
+        pair=pair % len(upper),
     )
-    pairs = np.isin(upper, vertices) & np.isin(lower, vertices)
-    upper, lower = upper[pairs], lower[pairs]
-    probes = np.concatenate([upper, lower, _front(face, name, kinds)])
-    return Opening(
-        name,
-        vertices,
-        compact.faces,
-        compact.kinds,
-        compact.places(rim),
-        compact.places(upper),
-        compact.places(lower),
-        compact.places(probes),
-        compact.hidden,
-    )
+
+
+def _ease(value: NDArray[np.floating]) -> NDArray[np.float64]:
+    w = np.clip(value, 0.0, 1.0)
+    return np.asarray(w * w * (3 - 2 * w))
 
 
 def _front(face: Face, name: str, kinds: NDArray[np.int8]) -> NDArray[np.intp]:

@@ -1,4 +1,4 @@
-"""Teeth that the photo shows: its own pixels on a layer that moves with the skull, and on one that moves with the jaw."""
+"""Teeth that the photo shows: its own pixels, on a layer that moves with the skull and one that moves with the jaw."""
 
 from __future__ import annotations
 
@@ -84,20 +84,43 @@ def mouth_layers(
     for x in columns:
         top, bottom = int(first[x]), int(last[x])
         if has[x]:
-            stop = int(round(division[x]))
+            stop = round(division[x])
             _fill_skull(skull, values, x, top, min(stop, bottom + 1), inset, px_per_mm, gum)
             if whole[x]:
                 skull[stop : stop + int(8 * px_per_mm), x, CUT] = 1.0
             else:
                 _continue_down(skull, x, bottom, incisal[x], inset)
-        start = int(round(division[x])) if has[x] else top
-        if has[x] and not whole[x]:
-            continue
-        _fill_jaw(jaw, values, x, start, bottom, inset, px_per_mm)
+        elif has.any():  # the dark beside the teeth stays with them
+            _fill_skull(skull, values, x, top, bottom + 1, inset, px_per_mm, values[top, x])
+        if whole[x] or not has.any():
+            _fill_jaw(jaw, values, x, round(division[x]) if has[x] else top, bottom, inset, px_per_mm)
     for layer in (skull, jaw):
         _soften(layer)
     dark = values[inside][values[inside] @ _LUMINANCE <= np.percentile(values[inside] @ _LUMINANCE, 5)].mean(axis=0)
     return MouthLayers(skull, jaw, origin, colour, dark.astype(np.float64))
+
+
+def trim_lips(
+    photo: NDArray[np.uint8], inside: NDArray[np.bool_], lips: NDArray[np.floating], most_px: int
+) -> NDArray[np.bool_]:
+    """Take lips out of what the fitted mesh says is between them, where the mesh's mouth is open too far.
+
+    From either lip inwards, column by column: lip-coloured pixels up to the first that is not, at most `most_px`;
+    where none follows so soon, the colour says nothing (tongue, gums) and the mesh stands.
+    """
+    values = ndimage.gaussian_filter(photo.astype(np.float32), (0.5, 0.5, 0))
+    red = (values[..., 0] + 6) / (values[..., 1] + 6)
+    bright = values @ _LUMINANCE
+    lip_red, lip_bright = float((lips[0] + 6) / (lips[1] + 6)), float(lips @ _LUMINANCE)
+    like = (red > 1.0 + 0.6 * (lip_red - 1.0)) & (bright > 0.55 * lip_bright) & (bright < 1.7 * lip_bright)
+    result = inside.copy()
+    for x in np.flatnonzero(inside.any(axis=0)):
+        rows = np.flatnonzero(inside[:, x])
+        for order in (rows, rows[::-1]):
+            run = int(np.argmin(np.append(like[order, x], False)))
+            if 0 < run <= min(most_px, len(order) - 1):
+                result[order[:run], x] = False
+    return np.asarray(ndimage.binary_opening(result, np.ones((1, 3)))) if result.any() else result
 
 
 def _teeth(

@@ -232,7 +232,11 @@ def _skin_albedo(mean: NDArray[np.float64]) -> NDArray[np.float64]:
     hue = np.log(albedo[:, :2] / albedo[:, 1:]) - np.log(np.maximum(mean[:2], 1e-4) / np.maximum(mean[1:], 1e-4))
     light = np.log((mean @ _LUMINANCE) / (albedo @ _LUMINANCE) / _USUAL_LIGHT)
     cost = (hue[:, 0] / 0.15) ** 2 + (hue[:, 1] / 0.25) ** 2 + (light / 0.35) ** 2
-    return np.asarray(albedo[int(np.argmin(cost))])
+    found = albedo[int(np.argmin(cost))]
+    light_colour = np.maximum(mean, 1e-4) / found
+    light_colour /= light_colour @ _LUMINANCE
+    # what hue is left is as much the skin's own as the light's
+    return np.asarray(found * light_colour**0.6)
 
 
 def _front_normals() -> NDArray[np.float64]:
