@@ -203,3 +203,49 @@ def jacobian_minimum(displacement, breaks, offset, bad):  # type: ignore[no-unty
                     bad[y, x] = True
                     count += 1
     return least, count
+
+
+@njit(cache=True, nogil=True)
+def soften_breaks(image, touched, displacement, breaks, offset, jump):  # type: ignore[no-untyped-def]
+    """Smooth, in place, the pixels of an edge where one surface hides another and the map jumps by `jump` pixels.
+
+    The edge is decided per pixel; a binomial mean over 3 x 3 pixels takes its steps away. `touched` is set there.
+    """
+    height, width = displacement.shape[:2]
+    h, w = breaks.shape
+    marked = np.zeros((h, w), np.bool_)
+    found = False
+    for v in range(h):
+        for u in range(w):
+            y, x = v + offset[1], u + offset[0]
+            if not breaks[v, u] or not (1 <= y < height - 2 and 1 <= x < width - 2 and v < h - 1 and u < w - 1):
+                continue
+            for k in range(2):
+                b, a = y + k, x + 1 - k
+                far = max(
+                    abs(displacement[b, a, 0] - displacement[y, x, 0]),
+                    abs(displacement[b, a, 1] - displacement[y, x, 1]),
+                )
+                if far > jump:
+                    marked[v, u] = True
+                    marked[v + k, u + 1 - k] = True
+                    found = True
+    if not found:
+        return
+    before = image.copy()
+    for v in range(h):
+        for u in range(w):
+            if not marked[v, u]:
+                continue
+            y, x = v + offset[1], u + offset[0]
+            touched[y, x] = True
+            for c in range(3):
+                total = 0
+                for k in range(3):
+                    row = (
+                        np.int64(before[y - 1 + k, x - 1, c])
+                        + 2 * np.int64(before[y - 1 + k, x, c])
+                        + np.int64(before[y - 1 + k, x + 1, c])
+                    )
+                    total += row * (2 if k == 1 else 1)
+                image[y, x, c] = (total + 8) // 16

@@ -44,6 +44,8 @@ class HeadMap:
         Kind of what they see (`HEAD`, `INNER`), 0 for none, and for the neck.
     fragments_origin : (x, y)
         First pixel of that box.
+    breaks : ndarray, bool
+        Pixels of that box at whose right or lower side one surface may end before another.
     share : ndarray of shape (h, w), float32
         How far the mesh itself decides a pixel's displacement.
     smallest_jacobian : float
@@ -55,6 +57,7 @@ class HeadMap:
     fragments: Fragments
     layer: NDArray[np.uint8]
     fragments_origin: tuple[int, int]
+    breaks: NDArray[np.bool_]
     share: NDArray[np.float32]
     smallest_jacobian: float
 
@@ -135,7 +138,7 @@ class HeadField:
         )
         breaks = mark_breaks(seen.depth, layer, np.float32(self._depth_jump(target)))
         done: Untangled = untangle(displacement, breaks, (x0 - left, y0 - top))
-        return HeadMap((left, top), displacement, seen, layer, (x0, y0), share, done.smallest)
+        return HeadMap((left, top), displacement, seen, layer, (x0, y0), breaks, share, done.smallest)
 
     def _boxes(self, target: MeshView) -> tuple[int, int, int, int] | None:
         """Return the box (x0, y0, x1, y1) of the target's head and neck in the picture; None where it lies outside."""

@@ -11,7 +11,8 @@ from scipy import ndimage
 from facewright.imaging._warp_kernels import jacobian_minimum
 from facewright.numeric.check import check_shape
 
-_ROUNDS = 6
+_ROUNDS = 9
+_GROWTH = 1.5  # of the smoothed neighbourhood from round to round
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def untangle(
         smallest, count = jacobian_minimum(displacement, breaks, offset, bad)
         if count == 0 or done == _ROUNDS:
             return Untangled(float(smallest), done)
-        _smooth(displacement, bad, 2 + 2 * done)
+        _smooth(displacement, bad, round((2 + min(bad.shape) / 500) * _GROWTH**done))
     return Untangled(float(smallest), _ROUNDS)
 
 

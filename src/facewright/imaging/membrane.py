@@ -9,7 +9,7 @@ from facewright.imaging._membrane_kernels import coarsen, refine, relax
 from facewright.numeric.check import check_shape
 
 _SMALLEST = 4  # cells along the shorter side of the coarsest grid
-_SWEEPS, _OVER = 14, np.float32(1.35)
+_SWEEPS, _OVER = 24, np.float32(1.7)
 
 
 def stretch_membrane(
@@ -52,7 +52,7 @@ def stretch_membrane(
     for level, (w, m, s, f) in enumerate(reversed(levels)):
         if level:
             values = refine(values, f)
-        relax(values, w, m, s, f, 4 * _SWEEPS if level == 0 else _SWEEPS, _OVER)
+        relax(values, w, m, s, f, 20 * _SWEEPS if level == 0 else _SWEEPS, _OVER)
     return values
 
 

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.faces.face import Face
+from facewright.imaging._warp_kernels import soften_breaks
 from facewright.imaging.displacement_field import HeadField, HeadMap
 from facewright.imaging.mesh_view import MeshView
-from facewright.imaging.resample import resample
 from facewright.imaging.source_surface import SourceSurface
+from facewright.imaging.warp import warp_picture
 from facewright.numeric.check import check_shape
 
 if TYPE_CHECKING:
     from facewright.imaging.inner_face import InnerFace
+
+_JUMP = 1.0  # pixels: where the map jumps by more, an edge is softened
 
 
 @dataclass(frozen=True)
@@ -103,10 +106,10 @@ class PhotoSynthesiser:
             moved = touched[y : y + h, x : x + w]
             moved |= found.displacement[..., 0] != 0
             moved |= found.displacement[..., 1] != 0
-            columns, rows = np.arange(x, x + w, dtype=np.float32), np.arange(y, y + h, dtype=np.float32)[:, None]
-            part = np.ascontiguousarray(image[y : y + h, x : x + w])
-            to_x, to_y = found.displacement[..., 0] + columns, found.displacement[..., 1] + rows
-            image[y : y + h, x : x + w] = resample(self.photo, to_x, to_y, where=moved, out=part)
+            part = warp_picture(self.photo, found.displacement, (x, y))
+            offset = (found.fragments_origin[0] - x, found.fragments_origin[1] - y)
+            soften_breaks(part, moved, found.displacement, found.breaks, offset, np.float32(_JUMP))
+            image[y : y + h, x : x + w] = part
         if self.inner is not None and (found is not None or gaze is not None):
             self.inner.paint(image, target, gaze, touched)
         return Synthesis(image, 1.0 if found is None else found.smallest_jacobian, found, touched)

@@ -4,38 +4,46 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from facewright.numeric.check import check_shape
+from facewright.errors import ValueRangeError
+from facewright.imaging.resample import resample
+from facewright.numeric.check import check_finite, check_shape
 
 
-def warp_picture(photo: NDArray[np.uint8], displacement: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """Return the picture whose pixel p is the photo's at p + displacement(p), bicubic.
+def warp_picture(
+    photo: NDArray[np.uint8], displacement: NDArray[np.floating], origin: tuple[int, int] = (0, 0)
+) -> NDArray[np.uint8]:
+    """Return the part of a picture whose pixel p is the photo's at p + displacement(p), bicubic.
 
     Parameters
     ----------
     photo : ndarray of shape (H, W, 3), uint8
-    displacement : ndarray of shape (H, W, 2), pixels
+        The photo.
+    displacement : ndarray of shape (h, w, 2), pixels
         From `displacement_field`; pixels where it is exactly zero keep their bits.
+    origin : (x, y)
+        Where the part begins in the picture.
+
+    Returns
+    -------
+    ndarray of shape (h, w, 3), uint8
+        The part. Beyond the photo's border its border's pixels go on.
+
+    Raises
+    ------
+    ShapeError, ValueRangeError
+        If arrays do not match, the part leaves the photo, or a displacement is not finite.
     """
     sizes = check_shape("photo", photo, "H", "W", 3)
-    check_shape("displacement", displacement, "H", "W", 2, **sizes)
-    moved = (displacement != 0).any(axis=2)
-    result = photo.copy()
-    if moved.any():
-        ys, xs = np.nonzero(moved)
-        at = np.stack([ys + displacement[ys, xs, 1], xs + displacement[ys, xs, 0]])
-        for k in range(3):
-            values = ndimage.map_coordinates(photo[..., k].astype(np.float32), at, order=3, mode="nearest")
-            result[ys, xs, k] = np.clip(np.round(values), 0, 255).astype(np.uint8)
-    return result
-
-
-def smallest_jacobian(displacement: NDArray[np.floating], outside: NDArray[np.bool_] | None = None) -> float:
-    """Return the smallest determinant of the map p + displacement(p) over pixel cells, but those of `outside`."""
-    d = np.asarray(displacement, dtype=np.float64)
-    dx, dy = np.diff(d, axis=1)[:-1], np.diff(d, axis=0)[:, :-1]
-    determinant = (1 + dx[..., 0]) * (1 + dy[..., 1]) - dx[..., 1] * dy[..., 0]
-    if outside is not None:
-        determinant = determinant[~outside[:-1, :-1]]
-    return float(determinant.min()) if determinant.size else 1.0
+    found = check_shape("displacement", displacement, "h", "w", 2)
+    check_finite("displacement", displacement)
+    (x, y), h, w = origin, found["h"], found["w"]
+    if x < 0 or y < 0 or x + w > sizes["W"] or y + h > sizes["H"]:
+        raise ValueRangeError(
+            f"the part must lie in the photo of {sizes['W']} x {sizes['H']} pixels, got {w} x {h} pixels at ({x}, {y})."
+        )
+    result = np.ascontiguousarray(photo[y : y + h, x : x + w]).copy()
+    moved = displacement[..., 0] != 0
+    moved |= displacement[..., 1] != 0
+    columns, rows = np.arange(x, x + w, dtype=np.float32), np.arange(y, y + h, dtype=np.float32)[:, None]
+    return resample(photo, displacement[..., 0] + columns, displacement[..., 1] + rows, where=moved, out=result)
