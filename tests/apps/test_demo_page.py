@@ -42,3 +42,10 @@ def test_page_refers_only_to_files_in_its_folder(tmp_path):
 def test_missing_folder_is_refused(tmp_path):
     with pytest.raises(StoreError):
         write_demo_page(tmp_path / "none", "T", "I", [], [], [])
+
+
+def test_films_play_and_pictures_stay_pictures(tmp_path):
+    section = Section("Films", "One.", [[Picture("a.mp4", "a film"), Picture("b.png", "a picture")]])
+    text = write_demo_page(tmp_path, "T", "I", [section], [], []).read_text()
+    assert '<video src="a.mp4"' in text
+    assert '<img src="b.png"' in text

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from facewright.apps.demo_captures import CAPTURED, DemoDatabase, build_demo_database
 from facewright.apps.demo_page import Figure, Section, write_demo_page
 from facewright.apps.demo_page import Picture as PagePicture
+from facewright.apps.demo_photo import draw_photo
 from facewright.apps.demo_pictures import Picture, fit_pictures, people_sheet, person_painter, person_texture
 from facewright.apps.explore_model import ExploreRequest, explore_model
 from facewright.apps.export import ExportRequest, demo_clip, export_rig
 from facewright.errors import NoFaceError
 from facewright.faces import load_face
-from facewright.faces.attributes import ATTRIBUTE_NAMES, measure_attributes
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.faces.expressions import expression_weights, random_expression_weights
 from facewright.faces.simulate import simulate_person
@@ -28,7 +28,6 @@ from facewright.imaging.contact_sheet import contact_sheet
 from facewright.io.atomic import write_set_atomically
 from facewright.io.image import write_image
 from facewright.landmarks.detector import open_detector
-from facewright.models.attribute_regression import fit_attribute_regression
 from facewright.numeric.similarity import estimate_similarity
 
 if TYPE_CHECKING:
@@ -45,8 +44,6 @@ EXPRESSIONS = (
     "neutral", "smile", "mouth_stretch", "anger", "brow_raiser",
     "lip_puckerer", "grin", "sadness", "cheek_blowing", "eyes_closed",
 )  # fmt: skip
-ATTRIBUTES = ("face length", "jaw width", "mouth width", "nose width", "eye size")
-DEVIATIONS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 
 
 @dataclass(frozen=True)
@@ -132,6 +129,7 @@ def _tour(out: Path, seed: int, start: float, progress: Progress | None) -> Demo
     fit, fit_ms = _timed_fit(model, faces[0], (photo.shape[0], photo.shape[1]))
     texture = person_texture(photo, fit)
     _draw(out, face, photo, fit, texture, seed, progress)
+    draw_photo(out, photo, detector, model, out / "model.fwbm", progress)
     explore_model(ExploreRequest(model, out / "model.png", n_modes=3, size=(180, 156)), progress)
     clip = demo_clip(fit.rig.names)
     exported = export_rig(
@@ -204,21 +202,6 @@ def _draw(
         if progress is not None:
             progress("drawing expressions", k + 1, len(EXPRESSIONS))
     write_image(out / "expressions.png", contact_sheet(acted, [e.replace("_", " ") for e in EXPRESSIONS], columns=5))
-    model = fit.model
-    neutrals = np.stack([model.synthesise(w, model.expression_weights[0]) for w in model.identity_weights])
-    measured = measure_attributes(neutrals, model.topology)
-    regression = fit_attribute_regression(model.identity_weights, measured, ATTRIBUTE_NAMES)
-    changed, captions = [], []
-    for k, name in enumerate(ATTRIBUTES):
-        for deviation in DEVIATIONS:
-            w_id = fit.identity_weights + regression.change({name: deviation})
-            # the neutral changes, the expression stays: few people cannot tell how one depends on the other
-            neutral = model.synthesise(w_id, model.expression_weights[0])
-            changed.append(draw(neutral + (fit.vertices - fit.rig.neutral), 10.0))
-            captions.append(f"{name} {deviation:+g} sd" if deviation else "as in the photo")
-        if progress is not None:
-            progress("drawing attributes", k + 1, len(ATTRIBUTES))
-    write_image(out / "attributes.png", contact_sheet(changed, captions, columns=len(DEVIATIONS)))
 
 
 def _plain_colours(face: Face) -> NDArray[np.uint8]:
@@ -271,10 +254,17 @@ def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: Phot
                           "sides continue the skin that it saw.")]],
         ),
         Section(
-            "New identity",
-            "Attributes with names, in standard deviations of the population; one changes, the others are held as far "
-            "as people allow (FaceWarehouse, eq. 11-12).",
-            [[PagePicture("attributes.png", "Five attributes from -2 to +2 standard deviations.")]],
+            "The photo, changed",
+            "Attributes with names, in standard deviations of the population: one changes, the others are held "
+            "(FaceWarehouse, 4.1). The photo itself is redrawn, background and hair with it.",
+            [[PagePicture("edited.png", "The photo, and five attributes at -2 and +2 standard deviations.")]],
+        ),
+        Section(
+            "The photo acts",
+            "Expressions and turns of the head played on the one photo; the same curves may come from a video, or from "
+            "a Live Link Face recording (FaceWarehouse, 4.4). Teeth, mouth and lids are drawn in the photo's light.",
+            [[PagePicture("acted.png", "The photo, and five expressions.")],
+             [PagePicture("acting.mp4", "Ten seconds of expressions, made by facewright animate.")]],
         ),
     ]  # fmt: skip
     figures = [
@@ -299,6 +289,7 @@ def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: Phot
          "Unity, Unreal, three.js and others open it"),
         ("faces.zarr", "the database: facewright warehouse ls faces.zarr"),
         (f"captures/{CAPTURED}/neutral/rgb.txt", "the recordings, as folders of pictures: facewright capture show"),
+        ("acting.csv", "the film's curves as a Live Link Face recording: facewright animate PHOTO --curves acting.csv"),
         ("model.fwbm", "the bilinear model: facewright fit PHOTO --model model.fwbm"),
     ]  # fmt: skip
     write_demo_page(

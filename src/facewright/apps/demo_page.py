@@ -19,7 +19,7 @@ def _data(name: str) -> str:
 
 @dataclass(frozen=True)
 class Picture:
-    """One picture of the page: its file in the demo's folder and its caption."""
+    """One picture or film (``.mp4``) of the page: its file in the demo's folder and its caption."""
 
     file: str
     caption: str
@@ -96,11 +96,7 @@ def write_demo_page(
         if section.viewer and glb is not None:
             body.append(_data("demo_viewer.html"))
         for row in section.rows:
-            cells = "".join(
-                f'<figure><a href="{escape(p.file)}"><img src="{escape(p.file)}" alt="{escape(p.caption)}"></a>'
-                f"<figcaption>{escape(p.caption)}</figcaption></figure>"
-                for p in row
-            )
+            cells = "".join(f"<figure>{_shown(p)}<figcaption>{escape(p.caption)}</figcaption></figure>" for p in row)
             body.append(f'<div class="row">{cells}</div>')
     rows = "".join(
         f'<tr><td>{escape(f.name)}</td><td class="number">{escape(f.value)}</td><td>{escape(f.meaning)}</td></tr>'
@@ -119,3 +115,10 @@ def write_demo_page(
     with write_atomically(folder / "index.html") as path:
         path.write_text(page, encoding="utf-8")
     return folder / "index.html"
+
+
+def _shown(picture: Picture) -> str:
+    file, caption = escape(picture.file), escape(picture.caption)
+    if picture.file.endswith(".mp4"):
+        return f'<video src="{file}" controls loop muted autoplay playsinline aria-label="{caption}"></video>'
+    return f'<a href="{file}"><img src="{file}" alt="{caption}"></a>'
