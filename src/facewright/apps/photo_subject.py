@@ -16,6 +16,7 @@ from facewright.errors import MissingFaceError, NoFaceError, ValueRangeError
 from facewright.fitting.gaze import Eyeballs, find_gaze
 from facewright.fitting.image import PhotoFit, PhotoFitOptions, PhotoFitter
 from facewright.fitting.landmark_residual import CarriedResidual
+from facewright.fitting.lip_line import refine_lip_line
 from facewright.imaging.mesh_view import MeshView
 from facewright.landmarks.points import Landmarks
 from facewright.models.blendshapes import BlendshapeRig
@@ -375,7 +376,7 @@ def _find(
             return given, 0
         by_hand = given.convert("fw74")
         nearest = min(faces, key=lambda face: _distance(face.convert("fw74"), by_hand))
-        return nearest.convert("fw74").overridden_by(by_hand), len(faces)
+        return refine_lip_line(picture, nearest).convert("fw74").overridden_by(by_hand), len(faces)
     if not faces:
         raise NoFaceError(
             f"{name} must show a face, the detector found none; give its points with --landmarks if there is one."
@@ -383,7 +384,7 @@ def _find(
     if face_index >= len(faces):
         counted = "1 face" if len(faces) == 1 else f"{len(faces)} faces"
         raise NoFaceError(f"{name} must show face {face_index} (0 is the largest), the detector found {counted}.")
-    return faces[face_index], len(faces)
+    return refine_lip_line(picture, faces[face_index]), len(faces)
 
 
 def _detect(detector: LandmarkDetector, picture: NDArray[np.uint8]) -> list[Landmarks]:
