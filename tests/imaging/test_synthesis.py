@@ -86,7 +86,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 def test_it_is_nearer_to_the_truth_than_the_photo(scene, subject, case):
-    source, photo, synthesiser = subject
+    _, photo, synthesiser = subject
     weights, turn, shift = CASES[case]
     target = scene.view(scene.expression(**weights), turn, shift)
     truth = scene.render(target)
@@ -101,7 +101,7 @@ def test_it_is_nearer_to_the_truth_than_the_photo(scene, subject, case):
 
 
 def test_the_background_keeps_its_bits_and_touched_says_where(scene, subject):
-    source, photo, synthesiser = subject
+    _, photo, synthesiser = subject
     result = synthesiser.draw(scene.view(scene.expression(jawOpen=0.6), (4, 0, 0)))
     same = (result.image == photo).all(axis=2)
     assert same[~result.touched].all()
@@ -121,7 +121,7 @@ def test_drawing_twice_is_drawing_once(scene, subject):
 
 def test_a_small_change_changes_little(scene, subject):
     """No popping: the picture goes to the photo as the view goes to the photo's."""
-    source, photo, synthesiser = subject
+    _, photo, synthesiser = subject
     change = []
     for share in (0.02, 0.1, 0.5):
         target = scene.view(scene.expression(mouthSmile_L=0.3, jawOpen=0.5 * share), (6 * share, 0, 0))

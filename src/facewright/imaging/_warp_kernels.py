@@ -12,7 +12,21 @@ _BODY, _HEAD, _INNER = np.uint8(BODY), np.uint8(HEAD), np.uint8(INNER)
 
 @njit(cache=True, nogil=True)
 def gather_skin(  # type: ignore[no-untyped-def]
-    face_index, barycentric, origin, faces, kinds, attributes, outline, table, step, window, cells, far, firm
+    face_index,
+    barycentric,
+    origin,
+    faces,
+    kinds,
+    attributes,
+    outline,
+    table,
+    step,
+    window,
+    cells,
+    far,
+    firm,
+    picture,
+    band,
 ):
     """Look the skin of a target view up in the photo, and sum up per cell of the lattice what it says.
 
@@ -20,7 +34,8 @@ def gather_skin(  # type: ignore[no-untyped-def]
     `window`: first row and column, rows and columns of the lattice's part. `cells` (8, rows, columns): sums of head
     pixels, data weight, weighted x and y displacement, weight of the outline, whose displacement is added to the
     data's; data weight of the neck and its weighted displacement. Returns displacement (h, w, 2), blending weight
-    (h, w) and kind (h, w; 0: none, or the neck) of each pixel.
+    (h, w) and kind (h, w; 0: none, or the neck) of each pixel. Skin that the border of the `picture` (height, width)
+    cuts off, or within `band` pixels of it, says less: what lies beyond cannot be looked up.
     """
     height, width = face_index.shape
     motion = np.zeros((height, width, 2), np.float32)
@@ -54,7 +69,10 @@ def gather_skin(  # type: ignore[no-untyped-def]
             motion[y, x, 0], motion[y, x, 1] = sx - px, sy - py
             cells[0, i, j] += 1
             if layer[y, x] == _HEAD:
-                blend[y, x] = wa * attributes[a, 2] + wb * attributes[b, 2] + wc * attributes[c, 2]
+                edge = min(min(sx, picture[1] - 1 - sx), min(sy, picture[0] - 1 - sy)) / band
+                edge = min(max(edge, np.float32(0)), np.float32(1))
+                data *= edge
+                blend[y, x] = edge * (wa * attributes[a, 2] + wb * attributes[b, 2] + wc * attributes[c, 2])
                 cells[1, i, j] += data
                 cells[2, i, j] += data * (sx - px)
                 cells[3, i, j] += data * (sy - py)
@@ -240,7 +258,7 @@ def soften_breaks(image, touched, displacement, breaks, offset, jump):  # type: 
             y, x = v + offset[1], u + offset[0]
             touched[y, x] = True
             for c in range(3):
-                total = 0
+                total = np.int64(0)
                 for k in range(3):
                     row = (
                         np.int64(before[y - 1 + k, x - 1, c])
@@ -248,4 +266,4 @@ def soften_breaks(image, touched, displacement, breaks, offset, jump):  # type: 
                         + np.int64(before[y - 1 + k, x + 1, c])
                     )
                     total += row * (2 if k == 1 else 1)
-                image[y, x, c] = (total + 8) // 16
+                image[y, x, c] = np.uint8((total + 8) // 16)

@@ -25,6 +25,7 @@ _REACH, _PER_DISPLACEMENT = 0.22, 3.2  # beyond the hair: share of the head, mul
 _NECK = 0.24  # the neck's length as a share of the head: its base stays
 _FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
 _FAR = 0.08  # a silhouette that slides farther, as a share of the head, tells less
+_BAND = 0.04  # so near the picture's border, as a share of the head, skin says less
 _LEAST = 0.012  # pixels: smaller displacements are none
 
 
@@ -128,6 +129,8 @@ class HeadField:
             cells,
             np.float32(_FAR * surface.head_size),
             np.float32(_OUTLINE / _DATA * self.step),  # a cell has about `step` pixels of outline
+            (np.float32(self.size[0]), np.float32(self.size[1])),
+            np.float32(_BAND * surface.head_size),
         )
         field, solid = self._extend(cells, window, reach, largest, target)
         s = self.step

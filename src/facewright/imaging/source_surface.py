@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import ndimage
+from scipy.sparse.csgraph import dijkstra
 
 from facewright.faces.face import Face
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.rasterise import Fragments, rasterise
+from facewright.mesh.geodesics import path_graph
 from facewright.mesh.normals import vertex_normals
 from facewright.numeric.check import check_shape
 
@@ -20,7 +22,7 @@ BODY, HEAD, INNER = 0, 1, 2
 
 _HIDDEN_MM = 1.5  # a vertex may lie so far behind what the photo shows there
 _FACING = (0.12, 0.35)  # cosine between normal and line of sight where trust begins and is full
-_RINGS = 4  # over which trust rises from the edge of what is seen
+_RISE_MM = 6.0  # over which trust rises from the edge of what is seen
 _SKULL_TRUST = 0.02  # hair lies over it: it moves with the skull, not quite as its surface
 _SKULL_OUTLINE = 0.08  # and its silhouette is not the skull's
 _NECK_TRUST = 0.3  # collars and scarves lie over it
@@ -83,7 +85,8 @@ class SourceSurface:
         head = np.unique(faces[kinds == HEAD])
         lo, hi = view.pixels[head].min(axis=0) - 2, view.pixels[head].max(axis=0) + 2
         scale = min(_TABLE / max(*(hi - lo), 1.0), 2.0)
-        shape = tuple(int(n) for n in np.ceil((hi - lo)[::-1] * scale) + 1)
+        columns, rows = (int(n) for n in np.ceil((hi - lo) * scale) + 1)
+        shape = (rows, columns)
         at = (view.pixels - lo) * scale
         seen = rasterise(at, view.depth, faces, shape, perspective=view.perspective)
         trust = _trust(view, face, faces, seen, at)
@@ -97,7 +100,7 @@ class SourceSurface:
         lowest = masks["chin"][np.argmin(mean[masks["chin"], 1])]
         follows = _neck_share(mean, float(mean[lowest, 1]))
         skull[body] = _NECK_TRUST * (follows[body] > 0)
-        blended = _rising(trust * front, faces, _RINGS)
+        blended = _rising(trust * front, mean, faces[kinds != INNER])
         told = np.maximum(blended, skull * (trust > 0))
         ends = np.where(_near(front, faces, 2), _bare(mean, masks), _SKULL_OUTLINE)
         weights = np.column_stack([blended, told, ends, follows]).astype(np.float32)
@@ -173,18 +176,17 @@ def _near(region: NDArray[np.bool_], faces: NDArray[np.int32], rings: int) -> ND
     return result
 
 
-def _rising(values: NDArray[np.float64], faces: NDArray[np.int32], rings: int) -> NDArray[np.float64]:
-    """Return values that nowhere exceed the given ones and rise over some rings of vertices from where those are 0."""
-    n = len(values)
-    corners, next_corners = faces.ravel(), faces[:, [1, 2, 0]].ravel()
-    one = sparse.coo_matrix((np.ones(len(corners)), (corners, next_corners)), (n, n)).tocsr()
-    graph = ((one + one.T) > 0).astype(np.float64) + sparse.eye(n)
-    mean = sparse.diags(1 / np.asarray(graph.sum(axis=1)).ravel()) @ graph
-    hidden = graph @ (values <= 0) > 0
-    result = np.where(hidden, 0.0, values)
-    for _ in range(rings):
-        result = np.minimum(result, mean @ result)
-    return np.asarray(result)
+def _rising(
+    values: NDArray[np.float64], vertices: NDArray[np.floating], faces: NDArray[np.int32]
+) -> NDArray[np.float64]:
+    """Return values that nowhere exceed the given ones and rise over some millimetres from where those are 0."""
+    zero = np.flatnonzero(values <= 0)
+    if not len(zero):
+        return values
+    graph = path_graph(vertices, faces)
+    away = dijkstra(graph, indices=zero, min_only=True, limit=2 * _RISE_MM)
+    t = np.clip(away / _RISE_MM, 0, 1)
+    return np.asarray(values * t * t * (3 - 2 * t), dtype=np.float64)
 
 
 def _outline_table(inside: NDArray[np.bool_], origin: NDArray[np.float64], scale: float) -> NDArray[np.float32]:

@@ -95,7 +95,7 @@ class PhotoSynthesiser:
         self.options = options or SynthesisOptions()
         self.inner = inner
         self.surface = SourceSurface.of(source, face)
-        self.field = HeadField(self.surface, photo.shape[:2])
+        self.field = HeadField(self.surface, (photo.shape[0], photo.shape[1]))
 
     def draw(self, target: MeshView, gaze: NDArray[np.floating] | None = None) -> Synthesis:
         """Return the photo with its face as in `target`; `gaze` (2, 2) turns the eyeballs, radians."""
