@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -133,8 +134,12 @@ def draw_clip(
     for number, piece in enumerate(pieces):
         first, last = number * PIECE, min((number + 1) * PIECE, T)
         if not piece.exists():
-            images = in_threads(lambda k: draw_frame(subject, motion, k), range(first, last), thread_count())
-            with VideoWriter(piece, width, height, clock, first=first, quality=quality) as video:
+            with (
+                closing(
+                    in_threads(lambda k: draw_frame(subject, motion, k), range(first, last), thread_count())
+                ) as images,
+                VideoWriter(piece, width, height, clock, first=first, quality=quality) as video,
+            ):
                 for frame, image in enumerate(images, first):
                     video.write(image)
                     if progress is not None:

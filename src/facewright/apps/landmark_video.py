@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -82,24 +83,15 @@ def find_video_landmarks(
     MissingExtraError, StoreError, FileFormatError
         As `VideoReader` and `VideoDetector`.
     """
-    from facewright.landmarks.video_detector import VideoDetector
-
     ending = folder / "end.json"
     with VideoReader(path) as video:
         info = video.info
         done = _complete_pieces(folder)
         if not ending.exists():
             first = done * PIECE
-            frames = read_ahead(video.frames(start=max(0, first - WARM_UP)))
-            warm: deque[VideoFrame] = deque(maxlen=WARM_UP)
-            n_frames = first
-            for piece in _pieces(frames, first, warm):
-                with VideoDetector(face_index, task_file) as detector:
-                    for frame in warm:
-                        detector.detect(frame.image)
-                    found = _detected(detector, piece, warm, info, progress)
-                n_frames += len(found["times"])
-                _write_piece(folder, (n_frames - 1) // PIECE, found)
+            # Closed before the file is: the thread must not decode what is no longer open.
+            with closing(read_ahead(video.frames(start=max(0, first - WARM_UP)))) as frames:
+                n_frames = _find_pieces(frames, first, folder, info, face_index, task_file, progress)
             _write_json(ending, {"frames": n_frames, "notes": video.notes})
         start = video.start
     said = json.loads(ending.read_text(encoding="utf-8"))
@@ -107,6 +99,30 @@ def find_video_landmarks(
     if progress is not None:
         progress(STAGE, track.n_frames, track.n_frames)
     return LandmarkVideo(track, info, start, tuple(said["notes"]))
+
+
+def _find_pieces(
+    frames: Iterator[VideoFrame],
+    first: int,
+    folder: Path,
+    info: VideoInfo,
+    face_index: int,
+    task_file: Path | None,
+    progress: Progress | None,
+) -> int:
+    """Detect and keep all pieces from frame `first` on; returns the number of frames of the video."""
+    from facewright.landmarks.video_detector import VideoDetector
+
+    n_frames = first
+    warm: deque[VideoFrame] = deque(maxlen=WARM_UP)
+    for piece in _pieces(frames, first, warm):
+        with VideoDetector(face_index, task_file) as detector:
+            for frame in warm:
+                detector.detect(frame.image)
+            found = _detected(detector, piece, warm, info, progress)
+        n_frames += len(found["times"])
+        _write_piece(folder, (n_frames - 1) // PIECE, found)
+    return n_frames
 
 
 def frame_rate_of(video: LandmarkVideo) -> Fraction:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
@@ -12,10 +12,11 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def read_ahead(items: Iterable[T], depth: int = 8) -> Iterator[T]:
+def read_ahead(items: Iterable[T], depth: int = 8) -> Generator[T, None, None]:
     """Give the items of an iterable that runs in another thread, at most `depth` items ahead.
 
-    Errors of the iterable are raised here; when the taker stops, the thread ends.
+    Errors of the iterable are raised here. The thread ends when the taker closes the generator: a taker that may stop
+    early uses ``contextlib.closing``, so that what the iterable reads from is not closed under it.
     """
     waiting: queue.Queue[tuple[str, Any]] = queue.Queue(maxsize=depth)
     stop = threading.Event()
@@ -53,7 +54,7 @@ def read_ahead(items: Iterable[T], depth: int = 8) -> Iterator[T]:
         thread.join()
 
 
-def in_threads(work: Callable[[T], R], items: Iterable[T], workers: int, depth: int = 4) -> Iterator[R]:
+def in_threads(work: Callable[[T], R], items: Iterable[T], workers: int, depth: int = 4) -> Generator[R, None, None]:
     """Give ``work(item)`` in the items' order, computed by several threads, at most `depth` items ahead."""
     if workers < 2:
         yield from map(work, items)
