@@ -51,6 +51,14 @@ def test_a_third_of_other_surface_does_not_spoil_it(rng):
     np.testing.assert_allclose(match.gain, gain, rtol=0.05)
 
 
+def test_textures_that_have_nothing_in_common_keep_their_contrast(rng):
+    """Misaligned pictures of like surfaces: the gain is the ratio of their means, no grey veil."""
+    source, target = encoded(skin(rng)), encoded(skin(rng) * 0.6)
+    match = estimate_colour_match(source, target, np.ones(SIZE, bool), local=False)
+    np.testing.assert_allclose(match.gain, 0.6, rtol=0.25)
+    np.testing.assert_allclose(match.offset, 0, atol=0.02)
+
+
 def test_light_from_one_side_is_followed(rng):
     """The left is lit half as bright again as the right, in the target only."""
     linear = skin(rng)

@@ -182,10 +182,15 @@ def _fit_line(
         total = weight.sum()
         mean_x, mean_y = weight @ x / total, weight @ y / total
         variance = weight @ (x - mean_x) ** 2 / total
-        # least squares with a ridge on the offset: between the line through the means and the one through 0
-        slope = weight @ ((x - mean_x) * (y - mean_y)) / total / max(variance, 1e-12)
-        trust = variance / (variance + spread**2)
-        gain = float(trust * slope + (1 - trust) * mean_y / max(mean_x, 1e-4))
+        covariance = weight @ ((x - mean_x) * (y - mean_y)) / total
+        deviation = float(np.sqrt(variance * (weight @ (y - mean_y) ** 2 / total)))
+        likeness = max(float(covariance) / max(deviation, 1e-12), 0.0)
+        # ridge on the offset: between the reduced major axis, whose slope misalignment does not flatten, and the line
+        # through 0, which is right where the pictures' textures have little in common
+        ratio = float(mean_y / max(mean_x, 1e-4))
+        slope = float(np.clip(deviation / max(float(variance), 1e-12), 0.5 * ratio, 2.0 * ratio))
+        trust = likeness**4 * float(variance / (variance + spread**2))
+        gain = trust * slope + (1.0 - trust) * ratio
         gain = min(max(gain, 0.05), 20.0)
         offset = float(mean_y - gain * mean_x)
     return gain, offset, np.asarray(weight / np.maximum(share, 1e-6), dtype=np.float64)
