@@ -91,15 +91,15 @@ def eye_layer(
     if open_eye:
         iris = find_iris(values @ _LUMINANCE, sure, iris)
     radius = _radius(photo.shape[:2], iris)
-    sure &= (radius < 1.05) | _white(values, sure & (radius > 1.05))
+    sure &= (radius < 1.08) | _white(values, sure & (radius > 1.08))
     usual_white = 255.0 * srgb_from_linear(_SCLERA_ALBEDO * white).astype(np.float32)
     sclera = _sclera(bare, sure & (radius > 1.12), usual_white, px_per_mm)
-    disc = _iris_disc(bare, sure, radius, white)
+    disc = _lit_like(_iris_disc(bare, sure, radius, white), bare, sure & (radius < 1.0), iris[2])
     edge = np.clip((1.03 - radius) * iris[2] / 1.2 + 0.5, 0, 1)[..., None]
     drawn = sclera + (disc - sclera) * edge
     if not open_eye:
         drawn = _with_glint(drawn, iris, px_per_mm)
-    weight = np.clip(ndimage.distance_transform_edt(sure) / max(1.0, 0.5 * px_per_mm), 0, 1)[..., None]
+    weight = np.clip(ndimage.distance_transform_edt(sure) / max(1.0, 0.8 * px_per_mm), 0, 1)[..., None]
     picture = drawn + (bare - drawn) * weight
     middle = linear_from_srgb(np.median(sclera[radius > 1.2].reshape(-1, 3), axis=0) / 255.0).astype(np.float64)
     where = np.array([iris[0] + origin[0], iris[1] + origin[1], iris[2]])
@@ -143,13 +143,30 @@ def find_iris(
     x0, y0, r0 = (float(v) for v in start)
     smooth = ndimage.gaussian_filter(np.asarray(brightness, np.float64), max(0.5, 0.06 * r0))
     known = seen.astype(np.float64)
-    shifts = np.linspace(-0.45, 0.45, 13)
-    sizes = np.linspace(0.82, 1.22, 9)
+    best = np.array([x0, y0, r0])
+    # coarsely first, across a wide step of brightness, then finely
+    for reach, spread, width in ((0.45, 0.2, 0.15), (0.12, 0.08, 0.07), (0.04, 0.03, 0.05)):
+        best = _best_circle(smooth, known, np.asarray(start, np.float64), best, reach, spread, width)
+    return best
+
+
+def _best_circle(
+    smooth: NDArray[np.float64],
+    known: NDArray[np.float64],
+    start: NDArray[np.float64],
+    around: NDArray[np.float64],
+    reach: float,
+    spread: float,
+    width: float,
+) -> NDArray[np.float64]:
+    """Return the best of circles near `around`, up to `reach` radii away and `spread` larger or smaller."""
+    x0, y0, r0 = around
+    shifts, sizes = np.linspace(-reach, reach, 11), np.linspace(1 - spread, 1 + spread, 9)
     angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)
     dy, dx, size = (g.ravel() for g in np.meshgrid(shifts, shifts, sizes, indexing="ij"))
     cx, cy, radius = x0 + dx * r0, y0 + dy * r0, r0 * size
     gain, weight = np.zeros(len(cx)), np.zeros(len(cx))
-    inner, outer = 0.86, 1.16
+    inner, outer = 1 - width, 1 + width
     for angle in angles:
         c, s = np.cos(angle), np.sin(angle)
         ins = [cy + inner * radius * s, cx + inner * radius * c]
@@ -158,12 +175,11 @@ def find_iris(
         step = ndimage.map_coordinates(smooth, outs, order=1) - ndimage.map_coordinates(smooth, ins, order=1)
         gain += both * np.clip(step, -60.0, 60.0)
         weight += both
-    usual = np.exp(-0.5 * ((dx / 0.3) ** 2 + (dy / 0.25) ** 2 + ((size - 1) / 0.13) ** 2))
+    off_x, off_y, larger = (cx - start[0]) / start[2], (cy - start[1]) / start[2], radius / start[2] - 1
+    usual = np.exp(-0.5 * ((off_x / 0.3) ** 2 + (off_y / 0.25) ** 2 + (larger / 0.13) ** 2))
     score = gain / np.maximum(weight, 0.12 * len(angles)) * usual
     best = int(np.argmax(score))
-    if score[best] <= 2.0:
-        return np.array([x0, y0, r0])
-    return np.array([cx[best], cy[best], radius[best]])
+    return np.array([cx[best], cy[best], radius[best]]) if score[best] > 2.0 else around
 
 
 def _sclera(
@@ -195,7 +211,7 @@ def _iris_disc(
     for k in range(len(bins)):
         ring = own & (index == k)
         if ring.sum() >= 3:
-            profile[k] = np.percentile(bare[ring], 40, axis=0)  # below the median: glints are bright
+            profile[k] = np.percentile(bare[ring], 45, axis=0)  # below the median: glints are bright
             known[k] = True
     if known.any():
         for k in range(3):
@@ -205,6 +221,19 @@ def _iris_disc(
     profile = ndimage.gaussian_filter1d(profile, 0.6, axis=0, mode="nearest")
     centres = bins + 0.05
     return np.stack([np.interp(radius, centres, profile[:, k]) for k in range(3)], axis=2).astype(np.float32)
+
+
+def _lit_like(
+    disc: NDArray[np.float32], bare: NDArray[np.float32], known: NDArray[np.bool_], size: float
+) -> NDArray[np.float32]:
+    """Give the drawn iris the slow changes of light over what is seen of it."""
+    if known.sum() < 4:
+        return disc
+    ratio = np.clip((bare + 4) / (disc + 4), 0.5, 2.0) * known[..., None]
+    sigma = max(0.8, 0.35 * size)
+    mass = ndimage.gaussian_filter(known.astype(np.float32), sigma)[..., None] + 0.01
+    smooth = (ndimage.gaussian_filter(ratio, (sigma, sigma, 0)) + 0.01) / mass
+    return np.asarray(disc * np.clip(smooth, 0.6, 1.6), np.float32)
 
 
 def _with_glint(picture: NDArray[np.float32], iris: NDArray[np.floating], px_per_mm: float) -> NDArray[np.float32]:

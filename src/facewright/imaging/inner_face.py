@@ -38,7 +38,7 @@ from facewright.numeric.check import check_shape
 _TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.42, 0.15, 0.14)
 _TEETH_BEHIND_LIPS_MM = 6.0
 _TOUCH_MM = 0.9
-_SCLERA_ALBEDO = 0.6
+_TOOTH_OF_SCLERA = np.array([1.0, 0.97, 0.86])
 #: Motion of an opening against itself, mm: below the first the plain warp of the photo is right.
 _MOTION_MM = (0.25, 1.0)
 _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
@@ -214,21 +214,21 @@ class InnerFace:
         return np.where(seen.any(axis=0), lowest, np.nan)
 
     def _prepare_colours(self, layers: MouthLayers) -> None:
-        """Choose the colours of teeth, flesh and walls: those of the photo where it shows them."""
+        """Choose the linear albedos of teeth, flesh and walls: those of the photo where it shows them."""
         white = self.light.irradiance(np.array([[0.0, 0.0, -1.0]]))[0]
         tooth = linear_from_srgb(np.array(_TOOTH)).astype(np.float64)
+        open_eyes = [prepared.eye.sclera for prepared in self._eyes if prepared.eye is not None and prepared.eye.seen]
         if layers.tooth is not None:
-            seen = linear_from_srgb(layers.tooth / 255.0)
-            tooth = np.clip(seen / np.maximum(0.85 * white, 1e-3), 0.05, 1.0)
-        else:
-            # not brighter than what else is bright in the face
-            open_eyes = [
-                prepared.eye.sclera for prepared in self._eyes if prepared.eye is not None and prepared.eye.seen
-            ]
-            brightest = np.maximum(self.light.highlight, np.max(open_eyes, axis=0) if open_eyes else 0.0)
-            limit = float((1.1 * brightest).sum() / np.maximum((tooth * white).sum(), 1e-6))
-            tooth = tooth * min(1.0, limit)
-        self._tooth = tooth.astype(np.float32)
+            tooth = linear_from_srgb(layers.tooth / 255.0) / np.maximum(0.85 * white, 1e-3)
+        elif open_eyes:
+            # what is white in the same light tells the light better than skin does, shaded by lids as it is
+            sclera = max(open_eyes, key=lambda colour: float(np.sum(colour)))
+            told = _TOOTH_OF_SCLERA * sclera / np.maximum(white, 1e-3)
+            tooth = tooth * np.clip(told / tooth, 0.5, 1.5) ** 0.7
+        if layers.tooth is None:  # not brighter than what else is bright in the face
+            brightest = max(float(colour.sum()) for colour in (*open_eyes, self.light.highlight))
+            tooth = tooth * min(1.0, 1.15 * brightest / float((tooth * white).sum()))
+        self._tooth = np.clip(tooth, 0.03, 1.1).astype(np.float32)
         self._flesh = linear_from_srgb(np.array(_FLESH)).astype(np.float32)
         self._wall = linear_from_srgb(np.array(_WALL)).astype(np.float32)
 

@@ -84,8 +84,8 @@ class LidSkin:
         floor = 0.1 * abs(luminance[0])
         now = np.maximum(harmonics(np.asarray(normals, np.float64)) @ luminance, floor)
         then = np.maximum(harmonics(self._normals) @ luminance, floor)
-        # sRGB values go with about the 2.2nd root of light; half of the change only, as light is never this simple
-        ratio = np.clip(now / then, 0.5, 1.8) ** (0.6 / 2.2)
+        # sRGB values go with about the 2.2nd root of light
+        ratio = np.clip(now / then, 0.5, 1.8) ** (1.0 / 2.2)
         return np.asarray(np.minimum(self.colours * ratio[:, None], 255.0), np.float32)
 
 

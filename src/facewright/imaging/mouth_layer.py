@@ -73,7 +73,7 @@ def mouth_layers(
     h, w = inside.shape
     skull, jaw = np.zeros((h, w, 5), np.float32), np.zeros((h, w, 5), np.float32)
     values = photo.astype(np.float32)
-    if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < 2:
+    if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < max(3.0, 1.5 * px_per_mm):
         return MouthLayers(skull, jaw, origin, None, None)
     tooth, colour = _teeth(values, inside, np.asarray(lips, np.float32))
     columns = np.flatnonzero(inside.any(axis=0))

@@ -55,12 +55,33 @@ def skin_layer(
         touching = np.unique(pieces[away <= inset_px])
         out = np.isin(pieces, touching[touching > 0])
     source = ~out if wanted is None or not (wanted & ~out).any() else wanted & ~out
-    nearest = ndimage.distance_transform_edt(~source, return_distances=False, return_indices=True)
-    filled = values[tuple(nearest)]
-    soft = ndimage.gaussian_filter(filled, (1.2, 1.2, 0))
-    picture = np.where(out[..., None], soft, values)
+    # what is above an opening goes on downwards, what is below it upwards
+    rows = np.arange(out.shape[0], dtype=np.float64)[:, None]
+    count = out.sum(axis=0)
+    filled = np.flatnonzero(count)
+    middle = np.interp(np.arange(out.shape[1]), filled, (rows * out).sum(axis=0)[filled] / count[filled])
+    above, below = source & (rows < middle), source & (rows >= middle)
+    upper = _continued(values, above if above.any() else source)
+    lower = _continued(values, below if below.any() else source)
+    side = np.clip(rows - middle + 0.5, 0, 1)[..., None].astype(np.float32)
+    picture = np.where(out[..., None], upper + (lower - upper) * side, values)
     replaced = np.clip(1.5 - ndimage.distance_transform_edt(~out), 0, 1)
     return np.ascontiguousarray(picture, np.float32), np.ascontiguousarray(replaced, np.float32)
+
+
+def _continued(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Continue the known pixels: near them by their nearest, farther away ever smoother."""
+    away, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
+    result = ndimage.gaussian_filter(values[tuple(nearest)], (0.8, 0.8, 0))
+    weight = known.astype(np.float32)
+    sigma = 2.0
+    while sigma < away.max():
+        mass = ndimage.gaussian_filter(weight, sigma, truncate=5.0)[..., None]
+        mean = ndimage.gaussian_filter(values * weight[..., None], (sigma, sigma, 0), truncate=5.0)
+        share = np.where(mass > 1e-4, np.clip((away / sigma - 0.5) / 0.7, 0, 1)[..., None], 0.0)
+        result += share * (mean / np.maximum(mass, 1e-4) - result)
+        sigma *= 1.6
+    return np.asarray(result, np.float32)
 
 
 def _foreign(values: NDArray[np.float32], band: NDArray[np.bool_], beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:
