@@ -26,7 +26,7 @@ NOISE_PX = 1.0
 POSE, POSE_CHANGE = (15.0, 8.0, 6.0), (12.0, 7.0, 6.0)
 DISTANCE_MM = (600.0, 1400.0)
 #: Height of the head as a share of the picture's: the reference's is another one.
-HEAD_SHARE = (0.55, 0.75)
+HEAD_SHARE = (0.7, 0.9)
 _HEAD_MM = 240.0
 #: How far the component's coefficients must differ in size between the two pictures, at least.
 _DIFFERENCE = 0.5
@@ -104,7 +104,7 @@ def simulate_pair(
         reference; distances of 0.6 to 1.4 m, and independent lights.
     """
     look, other = sample_appearance(rng), sample_appearance(rng)
-    lit = {name: getattr(other, name) for name in ("light_directions", "light_colours", "sky", "ground", "background")}
+    elsewhere = _relit(look, other, rng)
     target_weights, reference_weights = _expressions(component, rng, one_sided)
     moves = component_shapes(component, face.blendshape_names)
     wanted = np.where(moves, reference_weights, target_weights)
@@ -113,11 +113,25 @@ def simulate_pair(
     first, second = _camera(angles, rng), _camera(turned, rng)
     grounds = _background(look, rng), _background(other, rng)
     target = _shoot(face, person.pose(target_weights), first, look, grounds[0], rng)
-    reference = _shoot(face, person.pose(reference_weights), second, replace(look, **lit), grounds[1], rng)
+    reference = _shoot(face, person.pose(reference_weights), second, elsewhere, grounds[1], rng)
     truth = _shoot(face, person.pose(wanted), first, look, grounds[0], rng)
     pixels = SkinPixels.of(face, truth.view, IMAGE_SIZE)
     region = component_pixels(pixels, component_level(face, component)) > 0.5
     return SimulatedPair(target, reference, truth.image, region, component)
+
+
+def _relit(look: Appearance, other: Appearance, rng: np.random.Generator) -> Appearance:
+    """Return a person in another one's light, exposed for the person to within a quarter of a stop."""
+    exposure = 2 ** rng.uniform(-0.25, 0.25) * np.sum(look.light_colours) / np.sum(other.light_colours)
+    sky, ground = ((exposure * np.array(light)).tolist() for light in (other.sky, other.ground))
+    return replace(
+        look,
+        light_directions=other.light_directions,
+        light_colours=exposure * other.light_colours,
+        sky=(sky[0], sky[1], sky[2]),
+        ground=(ground[0], ground[1], ground[2]),
+        background=other.background,
+    )
 
 
 def _expressions(
