@@ -25,6 +25,7 @@ from facewright.cli import (
     retarget,
     simulate,
     track,
+    transfer,
     warehouse,
 )
 from facewright.cli.console import EXIT_INTERRUPTED, FacewrightGroup
@@ -64,6 +65,7 @@ app.command("build")(build.build)
 app.command("fit")(fit.fit)
 app.command("fit-scan")(fit_scan.fit_scan)
 app.command("edit")(edit.edit)
+app.command("transfer")(transfer.transfer)
 app.command("track")(track.track)
 app.command("retarget")(retarget.retarget)
 app.command("animate")(animate.animate)

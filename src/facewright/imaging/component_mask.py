@@ -55,7 +55,7 @@ _PLACES = {
     "face": _Place(("lips", "nose", "chin", *_EYES, *_BROWS), 16.0, 36.0),
 }
 _GAP_MM, _BAND_MM = 1.0, 5.0  # from what a component keeps away from, and how wide the band of the seam is there
-_RIM_MM, _RIM_BAND_MM = 4.0, 10.0  # from the rim of the face: pixels of the outline are half background
+_RIM_MM, _RIM_BAND_MM = 8.0, 12.0  # from the rim of the face: the outline's own light and background stay out
 
 
 def component_shapes(component: str, names: Sequence[str]) -> NDArray[np.bool_]:
