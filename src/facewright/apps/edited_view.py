@@ -32,6 +32,8 @@ def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating]) -
     identity_weights : ndarray of shape (I,)
         The new ones.
     """
+    if np.array_equal(identity_weights, subject.fit.identity_weights):
+        return subject.source  # no change gives the photo back to the last bit
     rest = np.zeros_like(subject.weights)
     neutral = subject.vertices(identity_weights=identity_weights, weights=rest)
     place = same_place(neutral, subject.rig.neutral, subject.face.topology)

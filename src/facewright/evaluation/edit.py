@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -75,9 +74,10 @@ def run(
     Returns
     -------
     dict of str to float
-        ``psnr_db``, ``ssim``: the photo edited with the last model, against the true re-render, over the pixels of the face before or after;
-        ``tps_psnr_db``, ``tps_ssim``: the photo warped by a thin-plate spline through the model's landmarks before and
-        after; ``unchanged_psnr_db``, ``unchanged_ssim``: the photo as it was; ``whole_psnr_db``: of the whole picture;
+        ``psnr_db``, ``ssim``: the photo edited with the last model, against the true re-render, over the pixels of the
+        face before or after; ``tps_psnr_db``, ``tps_ssim``: the photo warped by a thin-plate spline through that
+        model's landmarks before and after; ``unchanged_psnr_db``, ``unchanged_ssim``: the photo as it was;
+        ``whole_psnr_db``: of the whole picture;
         ``landmarks_iod``: mean distance of the landmarks detected in the edited photo from the model's, by the
         inter-ocular distance (left out where the detector is not installed); ``smallest_jacobian`` of all edits;
         ``psnr_db_15_identities`` and so on, for longer and wider faces; then what `attribute_metrics` measures.
@@ -199,9 +199,7 @@ class _Found:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Nothing to close."""
 
 

@@ -11,9 +11,9 @@ from facewright.numeric.check import check_choice
 
 Progress = Callable[[str, int, int], None]
 
-SUITES = ("transfer", "rigging", "bilinear", "photo", "fusion", "scan", "registration", "subject", "scale")
+SUITES = ("transfer", "rigging", "bilinear", "photo", "fusion", "scan", "registration", "subject", "scale", "edit")
 
-# For the ICT face on two cores: metric -> ("<=" or ">=" or "<", number or another metric). What the papers and the best
+# For the ICT face on two cores: metric -> ("<=", ">=", "<" or ">", number or another metric). What the papers and the best
 # tools reach, or what a user needs; a suite without an entry here has baselines instead.
 TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
     "transfer": {"per_expression_ms": ("<=", 15.0)},
@@ -34,6 +34,12 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
     },
     "subject": {"seconds": ("<=", 60.0), "unseen_rms_mm": ("<", "generic_rms_mm")},
     "scale": {"svd_growth_mb": ("<=", 50.0)},
+    "edit": {
+        "psnr_db": (">", "tps_psnr_db"),
+        "ssim": (">", "tps_ssim"),
+        "landmarks_iod": ("<=", 0.03),
+        "psnr_db_150_identities": (">", "psnr_db_15_identities"),
+    },
 }
 
 
@@ -108,6 +114,6 @@ def compare(suite: str, metrics: Mapping[str, float], *, targets: bool = True) -
         if not sign or bound is None:
             rows.append((name, value, "", ""))
             continue
-        met = {"<=": value <= bound, "<": value < bound, ">=": value >= bound}[sign]
+        met = {"<=": value <= bound, "<": value < bound, ">=": value >= bound, ">": value > bound}[sign]
         rows.append((name, value, f"{sign} {limit}", "yes" if met else "no"))
     return rows

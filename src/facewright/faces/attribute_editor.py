@@ -196,6 +196,8 @@ class AttributeEditor:
         before = self.measure(w)
         for label in self.label_attributes:
             w += wanted.get(label.name, 0.0) * label.direction
+        if not any(wanted.values()):  # nothing changes, to the last bit
+            return self._edit(w, w, before)
         measured = {name: value for name, value in wanted.items() if name in self.names}
         if measured and form == "regression":
             w += self.regression.change(measured)
