@@ -13,8 +13,8 @@ Progress = Callable[[str, int, int], None]
 
 SUITES = ("transfer", "rigging", "bilinear", "photo", "fusion", "scan", "registration", "subject", "scale", "edit")
 
-# For the ICT face on two cores: metric -> ("<=", ">=", "<" or ">", number or another metric). What the papers and the best
-# tools reach, or what a user needs; a suite without an entry here has baselines instead.
+# For the ICT face on two cores: metric -> ("<=", ">=", "<" or ">", number or another metric). What the papers and the
+# best tools reach, or what a user needs; a suite without an entry here has baselines instead.
 TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
     "transfer": {"per_expression_ms": ("<=", 15.0)},
     "rigging": {"seconds": ("<=", 6.0), "improvement": (">=", 0.30), "left_right_swaps": ("<=", 0.0)},
