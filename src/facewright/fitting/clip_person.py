@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from facewright.camera.pinhole import Intrinsics, rigid_from_weak
 from facewright.camera.weak_perspective import estimate_weak_perspective
 from facewright.fitting.dense_model import CENTRE, N_POSE, ClipPerson, DenseModel, FramePose
-from facewright.fitting.energies.expression_prior import ExpressionPrior
+from facewright.fitting.energies.coefficient_terms import CoefficientTerms
 from facewright.fitting.perspective_refinement import CameraPrior, bounded_step
 from facewright.fitting.small_algebra import solve_spd
 from facewright.landmarks.dense import head_plane
@@ -39,6 +39,22 @@ class FrameState:
     beta: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class KeyFrame:
+    """What is seen in a frame.
+
+    Parameters
+    ----------
+    found : ndarray of shape (N, 2), pixels
+        The model's points.
+    terms : CoefficientTerms
+        What else is known of its coefficients.
+    """
+
+    found: NDArray[np.float64]
+    terms: CoefficientTerms
+
+
 def start_state(
     model: DenseModel, found: NDArray[np.float64], person: ClipPerson, intrinsics: Intrinsics
 ) -> FrameState:
@@ -51,22 +67,21 @@ def start_state(
 
 
 def frame_energy(
-    model: DenseModel, found: NDArray[np.float64], person: ClipPerson, prior: ExpressionPrior, state: FrameState
+    model: DenseModel, found: NDArray[np.float64], person: ClipPerson, terms: CoefficientTerms, state: FrameState
 ) -> float:
     """Return a frame's energy: whitened residual and expression prior."""
     residual = model.residual(found, person, state.pose, state.beta)
-    return 0.5 * float(residual @ residual) + prior.energy(state.beta)
+    return 0.5 * float(residual @ residual) + terms.energy(state.beta)
 
 
 def frame_quadratic(
-    model: DenseModel, found: NDArray[np.float64], person: ClipPerson, prior: ExpressionPrior, state: FrameState
+    model: DenseModel, found: NDArray[np.float64], person: ClipPerson, terms: CoefficientTerms, state: FrameState
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return Gauss-Newton Hessian and gradient of a frame's energy in (pose step, beta)."""
     system = model.system(found, person, state.pose, state.beta)
     H, g = system.by_own.T @ system.by_own, system.by_own.T @ system.residual
-    rows = np.arange(N_POSE, len(g))
-    H[rows, rows] += 1.0 / prior.spread**2
-    g[rows] += prior.gradient(state.beta)
+    H[N_POSE:, N_POSE:] += terms.hessian
+    g[N_POSE:] += terms.gradient(state.beta)
     H[np.diag_indices(N_POSE)] += 1e-9 * np.diag(H)[:N_POSE]
     return H, g
 
@@ -75,14 +90,14 @@ def fit_frame(
     model: DenseModel,
     found: NDArray[np.float64],
     person: ClipPerson,
-    prior: ExpressionPrior,
+    terms: CoefficientTerms,
     start: FrameState,
     iterations: int,
 ) -> FrameState:
     """Return a frame's pose and coefficients for a known person, by Gauss-Newton within bounds."""
     state = start
     for _ in range(iterations):
-        H, g = frame_quadratic(model, found, person, prior, state)
+        H, g = frame_quadratic(model, found, person, terms, state)
         step, beta = bounded_step(H, g, N_POSE, state.beta, 0.0)
         if not np.isfinite(step).all():
             return state
@@ -99,17 +114,15 @@ class ClipPersonFitter:
     ----------
     model : DenseModel
         The model at the detector's points.
-    prior : ExpressionPrior
-        Of the FACS coefficients.
     lens : CameraPrior
         Of the focal length.
     """
 
-    def __init__(self, model: DenseModel, prior: ExpressionPrior, lens: CameraPrior) -> None:
-        self.model, self.prior, self.lens = model, prior, lens
+    def __init__(self, model: DenseModel, lens: CameraPrior) -> None:
+        self.model, self.lens = model, lens
 
     def fit(
-        self, founds: Sequence[NDArray[np.float64]], image_size: tuple[int, int]
+        self, frames: Sequence[KeyFrame], image_size: tuple[int, int]
     ) -> tuple[ClipPerson, Intrinsics, list[FrameState]]:
         """Minimise the energies of all frames, with the priors, over one person, one lens and each frame's own.
 
@@ -117,23 +130,23 @@ class ClipPersonFitter:
 
         Parameters
         ----------
-        founds : sequence of ndarray of shape (N, 2), pixels
-            The model's points in each frame.
+        frames : sequence of KeyFrame
+            The frames.
         image_size : (height, width)
             The principal point is the picture's centre.
         """
         model = self.model
         intrinsics = Intrinsics.for_image(image_size, self.lens.focal_length)
         person = model.person(np.zeros(model.n_identity), np.zeros(model.n_modes))
-        states = [start_state(model, found, person, intrinsics) for found in founds]
-        states = self._frames(founds, person, states, 4)
-        energy = self._energy(founds, person, states)
+        states = [start_state(model, frame.found, person, intrinsics) for frame in frames]
+        states = self._frames(frames, person, states, 4)
+        energy = self._energy(frames, person, states)
         for _ in range(_ROUNDS):
-            step = self._shared_step(founds, person, states)
+            step = self._shared_step(frames, person, states)
             for share in (1.0, 0.5, 0.25, 0.1):
                 trial, moved = self._moved(person, states, share * step)
-                moved = self._frames(founds, trial, moved, _FRAME_STEPS)
-                lower = self._energy(founds, trial, moved)
+                moved = self._frames(frames, trial, moved, _FRAME_STEPS)
+                lower = self._energy(frames, trial, moved)
                 if lower < energy:
                     break
             else:
@@ -145,39 +158,38 @@ class ClipPersonFitter:
         return person, states[0].pose.intrinsics, states
 
     def _frames(
-        self, founds: Sequence[NDArray[np.float64]], person: ClipPerson, states: list[FrameState], steps: int
+        self, frames: Sequence[KeyFrame], person: ClipPerson, states: list[FrameState], steps: int
     ) -> list[FrameState]:
         return [
-            fit_frame(self.model, found, person, self.prior, state, steps)
-            for found, state in zip(founds, states, strict=True)
+            fit_frame(self.model, frame.found, person, frame.terms, state, steps)
+            for frame, state in zip(frames, states, strict=True)
         ]
 
-    def _energy(self, founds: Sequence[NDArray[np.float64]], person: ClipPerson, states: list[FrameState]) -> float:
-        frames = sum(
-            frame_energy(self.model, found, person, self.prior, state)
-            for found, state in zip(founds, states, strict=True)
+    def _energy(self, frames: Sequence[KeyFrame], person: ClipPerson, states: list[FrameState]) -> float:
+        total = sum(
+            frame_energy(self.model, frame.found, person, frame.terms, state)
+            for frame, state in zip(frames, states, strict=True)
         )
         lens = np.log(states[0].pose.intrinsics.focal_x / self.lens.focal_length) / self.lens.spread
-        return frames + 0.5 * float(person.c @ person.c + person.q @ person.q + lens**2)
+        return total + 0.5 * float(person.c @ person.c + person.q @ person.q + lens**2)
 
     def _shared_step(
-        self, founds: Sequence[NDArray[np.float64]], person: ClipPerson, states: list[FrameState]
+        self, frames: Sequence[KeyFrame], person: ClipPerson, states: list[FrameState]
     ) -> NDArray[np.float64]:
         """Return the step of (c, q, log focal); poses and coefficients off their bounds follow to first order."""
         n = self.model.n_identity + self.model.n_modes + 1
         H, g = np.eye(n), np.concatenate([person.c, person.q, [0.0]])
         H[-1, -1] = 1.0 / self.lens.spread**2
         g[-1] = np.log(states[0].pose.intrinsics.focal_x / self.lens.focal_length) / self.lens.spread**2
-        for found, state in zip(founds, states, strict=True):
-            system = self.model.system(found, person, state.pose, state.beta, shared=True)
+        for frame, state in zip(frames, states, strict=True):
+            system = self.model.system(frame.found, person, state.pose, state.beta, shared=True)
             assert system.by_shared is not None
             inside = (state.beta > _INSIDE) & (state.beta < 1.0 - _INSIDE)
             follow = np.concatenate([np.arange(N_POSE), N_POSE + np.flatnonzero(inside)])
             own, shared = system.by_own[:, follow], system.by_shared
             block, slope = own.T @ own, own.T @ system.residual
-            rows = np.arange(N_POSE, len(follow))
-            block[rows, rows] += 1.0 / self.prior.spread**2
-            slope[rows] += self.prior.gradient(state.beta)[inside]
+            block[N_POSE:, N_POSE:] += frame.terms.hessian[np.ix_(inside, inside)]
+            slope[N_POSE:] += frame.terms.gradient(state.beta)[inside]
             coupling = own.T @ shared
             solved = solve_spd(block, np.ascontiguousarray(np.column_stack([coupling, slope])))
             H += shared.T @ shared - coupling.T @ solved[:, :-1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,6 +111,9 @@ class DenseModel:
         The model.
     points : DensePoints, optional
         What the detector's points are on its mesh; looked up by the model's topology where absent.
+    rest_freedom : float
+        Standard deviation, in each whitened direction, of what a person's face at rest differs by beyond the model and
+        the measured habits; 0 trusts them.
 
     Raises
     ------
@@ -118,8 +121,8 @@ class DenseModel:
         If it is not known what the detector's points are on the model's mesh.
     """
 
-    def __init__(self, model: BilinearModel, points: DensePoints | None = None) -> None:
-        self.points = points or dense_points(model.topology)
+    def __init__(self, model: BilinearModel, points: DensePoints | None = None, rest_freedom: float = 1.0) -> None:
+        self.points = _with_free_modes(points or dense_points(model.topology), rest_freedom)
         u = model.expression_weights
         mixtures = np.concatenate([u[:1], u[1:] - u[0]])  # neutral and displacements, (1 + B, E)
         core = np.einsum("lcie,be->bicl", model.at_vertices(self.points.vertices).core, mixtures, optimize=True)
@@ -238,3 +241,11 @@ class DenseModel:
             by_c, by_focal = -white[:, N_POSE + B : -2], -white[:, -2:-1]
             by_shared = np.concatenate([by_c, self._by_q, by_focal], axis=1)
         return FrameSystem(white[:, -1], -white[:, : N_POSE + B], by_shared)
+
+
+def _with_free_modes(points: DensePoints, freedom: float) -> DensePoints:
+    """Return the points with one more person mode for each whitened direction."""
+    if freedom <= 0:
+        return points
+    free = freedom * np.linalg.pinv(points.whitening).T.reshape(-1, points.n_points, 2)
+    return replace(points, person_modes=np.concatenate([points.person_modes, free]))

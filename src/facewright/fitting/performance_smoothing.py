@@ -16,9 +16,9 @@ from facewright.models.performance import Performance
 
 #: How much a coefficient usually changes in a 25th of a second, by the start of its name; faces are quick at the lids
 #: and lips. The changes' distribution has long tails, so that what happens quickly stays quick.
-_CHANGE = {"eyeBlink": 0.05, "mouth": 0.03, "jaw": 0.03}
-_OTHER_CHANGE = 0.02
-_TAIL = 1.0
+_CHANGE = {"eyeBlink": 0.2, "mouth": 0.06, "jaw": 0.06}
+_OTHER_CHANGE = 0.04
+_TAIL = 4.0
 _SWEEPS = 8
 #: Strength of the smoothing of the head's motion: frames of a 25th of a second that act together, to the fourth.
 _MOTION = 6.0

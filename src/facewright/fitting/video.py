@@ -13,13 +13,16 @@ from facewright.errors import DegenerateError, ValueRangeError
 from facewright.fitting.clip_person import (
     ClipPersonFitter,
     FrameState,
+    KeyFrame,
     fit_frame,
     frame_quadratic,
     spread_frames,
     start_state,
 )
 from facewright.fitting.dense_model import N_POSE, ClipPerson, DenseModel
+from facewright.fitting.energies.coefficient_terms import CoefficientTerms
 from facewright.fitting.energies.expression_prior import ExpressionPrior
+from facewright.fitting.lid_aperture import lid_closure, open_aperture
 from facewright.fitting.performance_smoothing import fill_gaps, smooth_coefficients, smooth_motion
 from facewright.fitting.perspective_refinement import CameraPrior
 from facewright.landmarks.dense import DensePoints
@@ -51,13 +54,16 @@ class VideoFitOptions:
         Prior of the FACS coefficients, see `ExpressionPrior`.
     smoothness : float
         Strength of the smoothing over time; 0 leaves every frame on its own.
+    rest_freedom : float
+        How far the clip's own face at rest may differ from model and detector, see `DenseModel`.
     """
 
-    key_frames: int = 14
+    key_frames: int = 20
     focal_length: float | None = None
     expression_spread: float = 0.35
-    expression_sparsity: float = 1.0
+    expression_sparsity: float = 4.0
     smoothness: float = 1.0
+    rest_freedom: float = 1.0
 
     def __post_init__(self) -> None:
         if self.key_frames < 1:
@@ -87,12 +93,15 @@ class ClipIdentity:
         The camera.
     person : ClipPerson
         The same person at the detector's points.
+    open_eyes : ndarray of shape (2,)
+        Height of the open right and left eye as a share of its width, see `open_aperture`.
     """
 
     model: BilinearModel
     identity_weights: NDArray[np.float64]
     intrinsics: Intrinsics
     person: ClipPerson
+    open_eyes: NDArray[np.float64]
 
     @property
     def rig(self) -> BlendshapeRig:
@@ -144,8 +153,9 @@ class VideoFitter:
     ) -> None:
         self.model = model
         self.options = options or VideoFitOptions()
-        self.dense = DenseModel(model, points)
-        self._prior = ExpressionPrior(self.options.expression_spread, self.options.expression_sparsity)
+        self.dense = DenseModel(model, points, self.options.rest_freedom)
+        prior = ExpressionPrior(self.options.expression_spread, self.options.expression_sparsity)
+        self._terms = CoefficientTerms.of(self.dense.names, prior)
 
     def identity(self, track: LandmarkTrack) -> ClipIdentity:
         """Find who acts, from key frames of the whole clip that are unlike one another.
@@ -163,10 +173,14 @@ class VideoFitter:
         lens = self._lens(track.image_size)
         guess = Intrinsics.for_image(track.image_size, lens.focal_length)
         keys = spread_frames(self.dense, founds, self.options.key_frames, guess)
-        person, intrinsics, _ = ClipPersonFitter(self.dense, self._prior, lens).fit(
-            list(founds[keys]), track.image_size
-        )
-        return ClipIdentity(self.model, self.dense.identity_of(person), intrinsics, person)
+        opened = open_aperture(track.points[tracked])
+        frames = [KeyFrame(founds[k], self._frame_terms(track, int(rows[k]), opened)) for k in keys]
+        person, intrinsics, _ = ClipPersonFitter(self.dense, lens).fit(frames, track.image_size)
+        return ClipIdentity(self.model, self.dense.identity_of(person), intrinsics, person, opened)
+
+    def _frame_terms(self, track: LandmarkTrack, row: int, opened: NDArray[np.float64]) -> CoefficientTerms:
+        """Return what is known of a frame's coefficients besides its points."""
+        return self._terms.with_lids(lid_closure(track.points[row : row + 1], opened)[0])
 
     def fit(
         self, track: LandmarkTrack, identity: ClipIdentity | None = None, progress: Progress | None = None
@@ -227,8 +241,9 @@ class VideoFitter:
         for k in range(n):
             found = self.dense.detected(track.points[chunk.start + k])
             start = states[-1] if k else start_state(self.dense, found, who.person, who.intrinsics)
-            state = fit_frame(self.dense, found, who.person, self._prior, start, 1 if k else 5)
-            H, g = frame_quadratic(self.dense, found, who.person, self._prior, state)
+            terms = self._frame_terms(track, chunk.start + k, who.open_eyes)
+            state = fit_frame(self.dense, found, who.person, terms, start, 1 if k else 5)
+            H, g = frame_quadratic(self.dense, found, who.person, terms, state)
             hessians[k], slopes[k], state = _without_pose(H, g, state)
             states.append(state)
             if progress is not None:

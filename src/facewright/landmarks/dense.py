@@ -16,9 +16,12 @@ from facewright.mesh.topology import Topology
 from facewright.numeric.check import check_shape
 
 #: Faces whose points were measured (tools/measure_dense_landmarks.py).
-MEASURED_FACES = ("ict",)
+MEASURED_FACES = ("ict", "builtin")
 #: Standard deviation, per coordinate, of the points of a face that was not measured, millimetres.
 _UNMEASURED_MM = 1.5
+#: Frames of one clip are more alike than the measured renders, which share no frame but the person: of the measured
+#: standard deviation, so much is noise within a clip.
+_WITHIN_CLIP = 0.67
 #: Terms of the head's pose that move the detector's points; see `pose_terms`.
 N_POSE_TERMS = 6
 
@@ -134,7 +137,7 @@ def _measured(name: str) -> tuple[DensePoints, tuple[str, ...]]:
             pose_response=data["pose_response"].astype(np.float64),
             expression_response=data["expression_response"].astype(np.float64),
             person_modes=data["person_modes"].astype(np.float64),
-            whitening=data["whitening"].astype(np.float64),
+            whitening=data["whitening"].astype(np.float64) / _WITHIN_CLIP,
             blendshape_names=tuple(str(shape) for shape in data["blendshape_names"]),
         )
         return points, tuple(str(mark) for mark in data["fingerprints"])
