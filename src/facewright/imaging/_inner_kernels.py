@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 
 # Columns of the vertex attributes that `compose` takes.
-SOURCE_X, SOURCE_Y, LID, LID_R, LID_G, LID_B, LASH, WET, RIM = range(9)
-N_SKIN_COLUMNS = 9
+SOURCE_X, SOURCE_Y, LID, LID_R, LID_G, LID_B, LASH, WET, RIM, GRAIN_X, GRAIN_Y = range(11)
+N_SKIN_COLUMNS = 11
 # and of what is drawn in the mouth
 LIGHT_R, LIGHT_G, LIGHT_B, FLESH, CAVITY, GROOVE, DEPTH = range(7)
 N_MOUTH_COLUMNS = 7
@@ -34,19 +34,6 @@ def _look_up(picture, x, y, out):  # type: ignore[no-untyped-def]
             weight = wx * wy
             for c in range(channels):
                 out[c] += weight * picture[row, column, c]
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _linear_look_up(picture, x, y):  # type: ignore[no-untyped-def]
-    """Bilinear look-up of a float32 picture (h, w); 0 outside."""
-    h, w = picture.shape
-    if x < 0.0 or y < 0.0 or x > w - 1.0 or y > h - 1.0:
-        return 0.0
-    xi, yi = min(int(x), w - 2), min(int(y), h - 2)
-    t, s = x - xi, y - yi
-    top = picture[yi, xi] * (1 - t) + picture[yi, xi + 1] * t
-    bottom = picture[yi + 1, xi] * (1 - t) + picture[yi + 1, xi + 1] * t
-    return top * (1 - s) + bottom * s
 
 
 @njit(cache=True, nogil=True)
@@ -90,7 +77,7 @@ def _look_up_layer(layer, x, y, terms, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def compose(  # type: ignore[no-untyped-def]
     image, touched, x0, y0, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
-    skin, skin_picture, replaced, origin_x, origin_y, lash_colour,
+    skin, skin_picture, grain, origin_x, origin_y, lash_colour,
     eye_picture, eye_x, eye_y, shadow, shadow_mm,
     mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
     skull, skull_map, jaw, jaw_map, encode,
@@ -104,7 +91,7 @@ def compose(  # type: ignore[no-untyped-def]
         for px in range(columns):
             _compose_pixel(
                 image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
-                skin, skin_picture, replaced, origin_x, origin_y, lash_colour,
+                skin, skin_picture, grain, origin_x, origin_y, lash_colour,
                 eye_picture, eye_x, eye_y, shadow, shadow_mm,
                 mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
                 skull, skull_map, jaw, jaw_map, encode,
@@ -114,12 +101,12 @@ def compose(  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _compose_pixel(  # type: ignore[no-untyped-def]
     image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
-    skin, skin_picture, replaced, origin_x, origin_y, lash_colour,
+    skin, skin_picture, grain, origin_x, origin_y, lash_colour,
     eye_picture, eye_x, eye_y, shadow, shadow_mm,
     mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
     skull, skull_map, jaw, jaw_map, encode,
 ):  # fmt: skip
-    colour = np.empty(3, np.float32)
+    colour, fine = np.empty(3, np.float32), np.empty(3, np.float32)
     over, under = np.zeros(5, np.float32), np.zeros(5, np.float32)
     total_r, total_g, total_b = 0.0, 0.0, 0.0
     seen, bare = 0, 0
@@ -174,9 +161,12 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
                     _look_up(skin_picture, at_x, at_y, colour)
                     if lid > 0.004:
                         lash = u * skin[a, 6] + v * skin[b, 6] + w * skin[c, 6]
-                        dark = np.exp(-((lash / 0.9) ** 2)) * lash_colour[3]
+                        dark = np.exp(-((max(lash - 0.7, 0.0) / lash_colour[4]) ** 2)) * lash_colour[3]
+                        grain_x = u * skin[a, 9] + v * skin[b, 9] + w * skin[c, 9] - origin_x
+                        grain_y = u * skin[a, 10] + v * skin[b, 10] + w * skin[c, 10] - origin_y
+                        _look_up(grain, grain_x, grain_y, fine)
                         for k in range(3):
-                            lid_colour = u * skin[a, 3 + k] + v * skin[b, 3 + k] + w * skin[c, 3 + k]
+                            lid_colour = u * skin[a, 3 + k] + v * skin[b, 3 + k] + w * skin[c, 3 + k] + fine[k]
                             lid_colour += (lash_colour[k] - lid_colour) * dark
                             colour[k] += (lid_colour - colour[k]) * lid
                     if wet > 0.01:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from facewright.faces.face import Face
 from facewright.faces.rigid_motion import rigid_vertices
@@ -53,7 +54,7 @@ class _Prepared:
     opening: Opening
     pixels: NDArray[np.float64]  # (M, 2) in the photo
     skin_picture: NDArray[np.float32]
-    replaced: NDArray[np.float32]
+    grain: NDArray[np.float32]  # the photo's fine texture, about 0
     origin: tuple[int, int]
     lid: LidSkin | None = None
     eye: EyeLayer | None = None
@@ -158,11 +159,11 @@ class InnerFace:
         return box, fragments, scale
 
     def _prepare_eye(self, photo: NDArray[np.uint8], opening: Opening) -> _Prepared:
-        (x0, y0, x1, y1), fragments, scale = self._look(opening, 6.0)
+        (x0, y0, x1, y1), fragments, scale = self._look(opening, 8.0)
         crop = photo[y0:y1, x0:x1]
         kinds = np.where(fragments.covered, opening.kinds[fragments.face_index], SKIN)
         inside = kinds > SKIN
-        picture, replaced = skin_layer(crop, inside, inset_px=max(1.0, 0.3 * scale), doubt_px=max(2.0, 1.2 * scale))
+        picture = skin_layer(crop, inside, inset_px=max(1.0, 0.3 * scale), doubt_px=max(2.0, 1.2 * scale))
         edges = upper_edges(fragments.face_index, opening.kinds, EYE)[0]
         rows = np.arange(inside.shape[0])[:, None]
         below = np.where(edges >= 0, (rows - edges) / scale, 0.0)
@@ -171,7 +172,9 @@ class InnerFace:
         white = self.light.irradiance(np.array([[0.0, 0.0, -1.0]]))[0]
         layer = eye_layer(crop, (x0, y0), kinds == EYE, below, np.array([*centre, IRIS_MM * scale]), scale, white)
         lid = lid_skin(photo, self.source, self.face, opening)
-        return _Prepared(opening, self.source.pixels[opening.vertices], picture, replaced, (x0, y0), lid, layer)
+        return _Prepared(
+            opening, self.source.pixels[opening.vertices], picture, _fine(crop, scale), (x0, y0), lid, layer
+        )
 
     def _prepare_mouth(self, photo: NDArray[np.uint8], opening: Opening) -> _Prepared:
         (x0, y0, x1, y1), fragments, scale = self._look(opening, 10.0)
@@ -180,7 +183,7 @@ class InnerFace:
         lips = self._lips(opening, fragments)
         colour = np.median(crop[lips & (kinds == SKIN)].astype(np.float64), axis=0) if lips.any() else np.full(3, 128.0)
         inside = trim_lips(crop, kinds > SKIN, colour, round(3.0 * scale))
-        picture, replaced = skin_layer(
+        picture = skin_layer(
             crop,
             inside | self._seam(opening, fragments, scale),
             inset_px=max(1.0, 0.4 * scale),
@@ -188,10 +191,10 @@ class InnerFace:
             wanted=lips,
         )
         white = self.light.irradiance(np.array([[0.0, 0.0, -1.0]]))[0]
-        gum = 255.0 * srgb_from_linear(0.8 * white * linear_from_srgb(np.array(_FLESH)))
+        gum = 0.5 * colour + 0.5 * 255.0 * srgb_from_linear(0.9 * white * linear_from_srgb(np.array(_FLESH)))
         layers = mouth_layers(crop, (x0, y0), inside, colour, self._incisal(opening, (x0, y0, x1, y1)), scale, gum)
         self._prepare_colours(layers)
-        return _Prepared(opening, self.source.pixels[opening.vertices], picture, replaced, (x0, y0), layers=layers)
+        return _Prepared(opening, self.source.pixels[opening.vertices], picture, _NO_PICTURE, (x0, y0), layers=layers)
 
     def _lips(self, opening: Opening, fragments: Fragments) -> NDArray[np.bool_]:
         weight = np.zeros((len(opening.vertices), 1), np.float32)
@@ -264,7 +267,7 @@ class InnerFace:
         if skin[:, 2].any():
             normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds <= 1])
             skin[:, 3:6] = lid.shaded(normals, self.light)
-        skin[:, 6], skin[:, 8] = lid.lash_mm, opening.near
+        skin[:, 6], skin[:, 8], skin[:, 9:] = lid.lash_mm, opening.near, lid.grain
         self._draw(
             image, marks, prepared, target, scale, mix, skin, np.zeros((len(ids), N_MOUTH_COLUMNS), np.float32),
             eye.picture, eye.origin, LID_SHADOW, LID_SHADOW_MM, lid.lash_colour, 1.0, None,
@@ -292,7 +295,7 @@ class InnerFace:
         )
         self._draw(
             image, marks, prepared, target, scale, mix, skin, self._mouth_attributes(opening, normals),
-            _NO_PICTURE, (0, 0), 0.35, 2.0, np.zeros(4, np.float32), 5.0 + 1.3 * height, maps,
+            _NO_PICTURE, (0, 0), 0.35, 2.0, np.zeros(5, np.float32), 5.0 + 1.3 * height, maps,
         )  # fmt: skip
 
     def _wet(self, prepared: _Prepared, seen: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -350,7 +353,7 @@ class InnerFace:
         compose(
             image, marks, x0, y0, step, fragments.face_index, fragments.barycentric, opening.faces, opening.kinds,
             edges, scale, np.float32(mix),
-            skin, prepared.skin_picture, prepared.replaced, *map(np.float32, prepared.origin), lash_colour,
+            skin, prepared.skin_picture, prepared.grain, *map(np.float32, prepared.origin), lash_colour,
             eye_picture, *map(np.float32, eye_origin), np.float32(shadow), np.float32(shadow_mm),
             mouth, self._flesh, self._tooth, self._wall, np.float32(depth_mm),
             _NO_LAYER if layers is None else layers.skull, nowhere if maps is None else maps[0],
@@ -394,6 +397,15 @@ class InnerFace:
         else:
             own = self._gaze[SIDES.index(side)]
         return np.asarray(moved @ head @ turn_of_gaze(gaze) @ turn_of_gaze(own).T @ head.T)
+
+
+def _fine(photo: NDArray[np.uint8], scale: float) -> NDArray[np.float32]:
+    """Return pores and grain of a cut-out of the photo, without its lines and edges: (h, w, 3) about 0."""
+    values = photo.astype(np.float32)
+    sigma = max(1.0, 0.6 * scale)
+    fine = values - ndimage.gaussian_filter(values, (sigma, sigma, 0))
+    limit = 3.0 * np.median(np.abs(fine))
+    return np.asarray(np.clip(fine, -limit, limit), np.float32)
 
 
 def _gap(opening: Opening, seen: NDArray[np.floating]) -> NDArray[np.float64]:

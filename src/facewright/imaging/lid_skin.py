@@ -24,6 +24,11 @@ _BROW_MM = 2.0
 _STRETCH = (1.35, 2.4)
 #: Closing by so many millimetres begins to, and does, need lid skin.
 _CLOSING_MM = (0.4, 2.0)
+_SPREAD = 3
+#: Closed lids are darker towards the lashes: how much, and over how many millimetres.
+_LASH_SHADE, _LASH_SHADE_MM = 0.18, 2.5
+_CREASE_SHADE = 0.10
+_GRAIN_BELOW_MM = 13.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +43,17 @@ class LidSkin:
         Where the lid's skin may be drawn, 0 to 1.
     lash_mm : ndarray of shape (M,), float32
         Distance to the lash line on the generic face.
-    lash_colour : ndarray of shape (4,), float32
-        sRGB in [0, 255] of the lash line, and its opacity in [0, 1].
+    lash_colour : ndarray of shape (5,), float32
+        sRGB in [0, 255] of the lash line, its opacity in [0, 1] and its width, mm.
+    grain : ndarray of shape (M, 2), float32, pixels
+        Where in the photo each vertex takes the skin's fine texture from: below the eye.
     """
 
     colours: NDArray[np.float32]
     zone: NDArray[np.float32]
     lash_mm: NDArray[np.float32]
     lash_colour: NDArray[np.float32]
+    grain: NDArray[np.float32]
     _faces: NDArray[np.int32]
     _area: NDArray[np.float64]
     _normals: NDArray[np.float64]
@@ -74,9 +82,9 @@ class LidSkin:
         stretch = area / np.maximum(self._area * grown, 1e-3 * self._scale)
         low, high = np.log(_STRETCH)
         need = _ease((np.log(np.maximum(stretch, 1e-3)) - low) / (high - low))
-        need = np.maximum(need, self._smooth @ need)
-        need = np.maximum(need, 0.9 * (self._smooth @ need))
-        return np.asarray(self.zone * amount * np.clip(self._smooth @ need, 0, 1), np.float32)
+        # the margin below the stretched skin turns away, and the skin above shall go over softly
+        need = self._smooth @ spread_over(need, self._faces, _SPREAD)
+        return np.asarray(self.zone * amount * np.clip(need, 0, 1), np.float32)
 
     def shaded(self, normals: NDArray[np.floating], light: PhotoLight) -> NDArray[np.float32]:
         """Return `colours` in the light that the lid gets in a view with unit normals (M, 3)."""
@@ -113,11 +121,11 @@ def lid_skin(photo: NDArray[np.uint8], source: MeshView, face: Face, opening: Op
     lash = np.minimum(attributes["lash"][ids], 30.0)
     mean = face.mean_shape[ids].astype(np.float64)
     zone = _zone(face, opening, mean)
-    clean = _clean(source, face, opening, mean, lash, area)
+    px_per_mm = _scale_of(pixels, seen, skin_faces)
+    clean = _clean(source, face, opening, mean, lash, area, max(_LASH_MM, 2.0 / px_per_mm))
     adjacency = vertex_adjacency(skin_faces, len(ids)).astype(np.float64)
     degree = np.maximum(np.asarray(adjacency.sum(axis=1)).ravel(), 1.0)
     spread = (sparse.diags(0.4 / degree) @ adjacency + sparse.diags(np.full(len(ids), 0.6))).tocsr()
-    px_per_mm = _scale_of(pixels, seen, skin_faces)
     colours = _continued(photo, pixels, clean, adjacency, degree, px_per_mm)
     normals = unit_normals(np.ascontiguousarray(seen, np.float64), skin_faces)
     for _ in range(6):  # what the colours were taken from is not the fold
@@ -126,10 +134,11 @@ def lid_skin(photo: NDArray[np.uint8], source: MeshView, face: Face, opening: Op
     gap = np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1)
     hidden = opening.hidden > 0.5
     return LidSkin(
-        colours=colours,
+        colours=colours * _relief(face, opening, lash)[:, None],
         zone=zone.astype(np.float32),
         lash_mm=lash.astype(np.float32),
         lash_colour=_lash_colour(photo, pixels, lash, skin & (lash < 0.7), colours, px_per_mm),
+        grain=_grain_places(face, opening, pixels, mean, skin),
         _faces=np.ascontiguousarray(skin_faces),
         _area=np.where(hidden, 0.0, area),
         _normals=normals,
@@ -166,6 +175,28 @@ def _zone(face: Face, opening: Opening, mean: NDArray[np.float64]) -> NDArray[np
     return np.asarray(moving * _ease((3.0 - near) / 3.0) * above)
 
 
+def _relief(face: Face, opening: Opening, lash: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return what the closed lid's form does to its brightness, (M,): darker at lashes and crease, lighter between."""
+    index = face.blendshape_names.index(f"eyeBlink_{opening.name[0].upper()}")
+    motion = np.linalg.norm(face.blendshape_deltas[index][opening.vertices], axis=1)
+    share = motion / max(float(motion.max()), 1e-9)
+    crease = _CREASE_SHADE * np.exp(-(((share - 0.3) / 0.1) ** 2))
+    bulge = 0.4 * _CREASE_SHADE * np.exp(-(((share - 0.65) / 0.15) ** 2))
+    return np.asarray((1 - _LASH_SHADE * np.exp(-lash / _LASH_SHADE_MM)) * (1 - crease + bulge), np.float32)
+
+
+def _grain_places(
+    face: Face, opening: Opening, pixels: NDArray[np.floating], mean: NDArray[np.float64], skin: NDArray[np.bool_]
+) -> NDArray[np.float32]:
+    """Lay the closed lid out over the cheek below the eye, (M, 2) pixels of the photo."""
+    index = face.blendshape_names.index(f"eyeBlink_{opening.name[0].upper()}")
+    closed = mean + face.blendshape_deltas[index][opening.vertices]
+    design = np.column_stack([mean[skin, :2], np.ones(int(skin.sum()))])
+    affine, *_ = np.linalg.lstsq(design, pixels[skin], rcond=None)
+    shifted = np.column_stack([closed[:, 0], closed[:, 1] - _GRAIN_BELOW_MM, np.ones(len(closed))])
+    return np.asarray(shifted @ affine, np.float32)
+
+
 def _clean(
     source: MeshView,
     face: Face,
@@ -173,6 +204,7 @@ def _clean(
     mean: NDArray[np.float64],
     lash: NDArray[np.floating],
     area: NDArray[np.float64],
+    lash_mm: float,
 ) -> NDArray[np.float64]:
     """Return how surely the photo shows bare skin at each vertex, (M,) in [0, 1]."""
     ids = opening.vertices
@@ -182,7 +214,7 @@ def _clean(
     normals = unit_normals(np.ascontiguousarray(source.camera_vertices[ids], np.float64), opening.faces)
     facing = np.clip((-normals[:, 2] - 0.25) / 0.25, 0, 1)
     result = np.where(skin, facing, 0.0) * (1 - np.clip(2 * opening.hidden, 0, 1))
-    result *= np.clip((lash - _LASH_MM) / 1.0, 0, 1)
+    result *= np.clip((lash - lash_mm) / 1.0, 0, 1)
     brow = face.mean_shape[masks[f"brow_{opening.name}"]].astype(np.float64)
     result *= np.clip((cKDTree(brow).query(mean)[0] - _BROW_MM) / 2.0, 0, 1)
     margin = face.mean_shape[masks[f"eyelid_upper_{opening.name}"]].astype(np.float64)
@@ -216,7 +248,11 @@ def _continued(
     typical = (clean @ sampled) / total if total > 1e-6 else np.median(sampled, axis=0)
     system = sparse.diags(degree + 0.8 * clean + 1e-4) - adjacency
     right = 0.8 * clean[:, None] * sampled + 1e-4 * typical
-    return np.asarray(splu(system.tocsc()).solve(right), np.float32)
+    smooth = splu(system.tocsc()).solve(right)
+    # next to lashes and folds all is dark and grey; shaded skin is redder than that
+    share = (np.maximum(smooth.mean(axis=1), 1.0) / typical.mean())[:, None] ** 0.65
+    warm = typical * share ** np.array([0.85, 1.05, 1.15])
+    return np.asarray(0.4 * smooth + 0.6 * warm, np.float32)
 
 
 def _lash_colour(
@@ -228,20 +264,34 @@ def _lash_colour(
     px_per_mm: float,
 ) -> NDArray[np.float32]:
     """Return the colour of the photo's lash line, and how opaque it is against the lid."""
+    width = max(0.8, 0.6 / px_per_mm)  # never so thin that it goes under in a small picture
     if not line.any():
-        return np.array([40, 28, 24, 0.7], np.float32)
+        return np.array([40, 28, 24, 0.7, width], np.float32)
     around = np.concatenate([pixels[line] + (0, d * px_per_mm) for d in (-0.8, 0.0, 0.8)])
     low = np.maximum(np.floor(around.min(axis=0)).astype(int) - 1, 0)
     high = np.ceil(around.max(axis=0)).astype(int) + 2
     crop = photo[low[1] : high[1], low[0] : high[0]].astype(np.float32)
     if crop.size == 0:
-        return np.array([40, 28, 24, 0.7], np.float32)
+        return np.array([40, 28, 24, 0.7, width], np.float32)
     seen = sample_bilinear(crop, around - low)
     dark = seen[seen.sum(axis=1) <= np.percentile(seen.sum(axis=1), 30)].mean(axis=0)
     lid = colours[line].mean(axis=0)
     # never lighter than a soft shadow: even fair lashes close the eye with a line
     colour = np.minimum(dark, 0.62 * lid)
-    return np.append(colour, 0.85).astype(np.float32)
+    return np.append(colour, [0.85, width]).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def spread_over(values, faces, rounds):  # type: ignore[no-untyped-def]
+    """Return for each vertex the largest value within so many edges, (V,)."""
+    result = values.copy()
+    for _ in range(rounds):
+        before = result.copy()
+        for f in range(len(faces)):
+            top = max(before[faces[f, 0]], before[faces[f, 1]], before[faces[f, 2]])
+            for k in range(3):
+                result[faces[f, k]] = max(result[faces[f, k]], top)
+    return result
 
 
 @njit(cache=True, nogil=True)

@@ -10,7 +10,7 @@ from scipy import ndimage
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _LEAST_SEEN = 14  # pixels of an open mouth
-_CROWN_MM = 10.0
+_CROWN_MM = 10.5
 _GUM_MM = 6.0
 #: Columns of a layer beside its colours: how opaque it is, and where it hides the drawn teeth.
 OPAQUE, CUT = 3, 4
@@ -190,8 +190,9 @@ def _fill_skull(
     high = max(0, int(top - (_GUM_MM + 2) * px_per_mm))
     crown = stop - _CROWN_MM * px_per_mm
     rows = np.arange(high, top)
-    share = np.clip((crown - rows) / px_per_mm, 0, 1)[:, None]
-    layer[high:top, x, :3] = values[edge, x] * (1 - share) + share * np.asarray(gum, np.float32)
+    share = np.clip((crown - rows) / (2.0 * px_per_mm), 0, 1)[:, None]
+    shade = np.clip(1.0 - 0.06 * (top - rows) / px_per_mm, 0.5, 1.0)[:, None]  # behind the lip it gets dark
+    layer[high:top, x, :3] = shade * (values[edge, x] * (1 - share) + share * np.asarray(gum, np.float32))
     layer[high:stop, x, OPAQUE] = 1.0
     layer[high:stop, x, CUT] = 1.0
 

@@ -14,7 +14,7 @@ def skin_layer(
     inset_px: float,
     doubt_px: float,
     wanted: NDArray[np.bool_] | None = None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> NDArray[np.float32]:
     """Replace what a photo shows inside mouth or eye by the skin round it going on inwards.
 
     Parameters
@@ -33,14 +33,12 @@ def skin_layer(
 
     Returns
     -------
-    picture : ndarray of shape (h, w, 3), float32
+    ndarray of shape (h, w, 3), float32
         sRGB in [0, 255].
-    replaced : ndarray of shape (h, w), float32
-        1 where the photo was replaced, falling to 0 within a pixel around.
     """
     values = photo.astype(np.float32)
     if not inside.any():
-        return values, np.zeros(inside.shape, np.float32)
+        return values
     away = ndimage.distance_transform_edt(~inside)
     out = away <= inset_px
     band = (away > inset_px) & (away <= doubt_px)
@@ -65,8 +63,7 @@ def skin_layer(
     lower = _continued(values, below if below.any() else source)
     side = np.clip(rows - middle + 0.5, 0, 1)[..., None].astype(np.float32)
     picture = np.where(out[..., None], upper + (lower - upper) * side, values)
-    replaced = np.clip(1.5 - ndimage.distance_transform_edt(~out), 0, 1)
-    return np.ascontiguousarray(picture, np.float32), np.ascontiguousarray(replaced, np.float32)
+    return np.ascontiguousarray(picture, np.float32)
 
 
 def _continued(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
