@@ -21,10 +21,12 @@ from facewright.numeric.check import check_shape
 BODY, HEAD, INNER = 0, 1, 2
 
 _HIDDEN_MM = 1.5  # a vertex may lie so far behind what the photo shows there
-_FACING = (0.12, 0.35)  # cosine between normal and line of sight where trust begins and is full
+_FACING = (0.25, 0.75)  # cosine between normal and line of sight where trust begins and is full
 _RISE_MM = 6.0  # over which trust rises from the edge of what is seen
 _SKULL_TRUST = 0.02  # hair lies over it: it moves with the skull, not quite as its surface
 _SKULL_OUTLINE = 0.08  # and its silhouette is not the skull's
+_BEHIND = (-0.4, -0.1)  # cosine where the silhouette is skin that the photo does not show, and nearly does
+_UNSEEN_OUTLINE = 0.15
 _NECK_TRUST = 0.3  # collars and scarves lie over it
 _NECK_MM = (-5.0, 55.0)  # below the chin: where the neck begins to stay behind the head, and where it rests
 _TABLE = 512  # most pixels along a side of the outline's table
@@ -89,7 +91,8 @@ class SourceSurface:
         shape = (rows, columns)
         at = (view.pixels - lo) * scale
         seen = rasterise(at, view.depth, faces, shape, perspective=view.perspective)
-        trust = _trust(view, face, faces, seen, at)
+        cosine = _facing(view, faces)
+        trust = _trust(view, face, cosine, seen, at)
         front = np.zeros(len(trust), bool)
         front[masks["face_region"]] = True
         skin = np.arange(len(trust)) < face.n_skin
@@ -103,6 +106,7 @@ class SourceSurface:
         blended = _rising(trust * front, mean, faces[kinds != INNER])
         told = np.maximum(blended, skull * (trust > 0))
         ends = np.where(_near(front, faces, 2), _bare(mean, masks), _SKULL_OUTLINE)
+        ends *= np.clip((cosine - _BEHIND[0]) / (_BEHIND[1] - _BEHIND[0]), _UNSEEN_OUTLINE, 1)
         weights = np.column_stack([blended, told, ends, follows]).astype(np.float32)
         is_head = seen.covered & (kinds[np.maximum(seen.face_index, 0)] != BODY)
         eyes = np.concatenate([masks[f"eyelid_upper_{side}"] for side in ("left", "right")])
@@ -136,8 +140,15 @@ def triangle_kinds(face: Face) -> NDArray[np.uint8]:
     return kinds
 
 
+def _facing(view: MeshView, faces: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Return the cosine between each vertex's normal and the line of sight, (V,)."""
+    normals = vertex_normals(view.camera_vertices, faces)
+    towards = -view.camera_vertices / np.linalg.norm(view.camera_vertices, axis=1, keepdims=True)
+    return np.asarray((normals * towards).sum(axis=1), dtype=np.float64)
+
+
 def _trust(
-    view: MeshView, face: Face, faces: NDArray[np.int32], seen: Fragments, at: NDArray[np.float64]
+    view: MeshView, face: Face, cosine: NDArray[np.float64], seen: Fragments, at: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return how well the photo shows each vertex, (V,) in [0, 1]."""
     shape = seen.depth.shape
@@ -146,9 +157,6 @@ def _trust(
     inside = ((cells >= 0) & (cells < (shape[1], shape[0]))).all(axis=1)
     cells = np.clip(cells, 0, (shape[1] - 1, shape[0] - 1))
     visible = inside & (view.depth <= deepest[cells[:, 1], cells[:, 0]] + _HIDDEN_MM)
-    normals = vertex_normals(view.camera_vertices, faces)
-    towards = -view.camera_vertices / np.linalg.norm(view.camera_vertices, axis=1, keepdims=True)
-    cosine = (normals * towards).sum(axis=1)
     facing = np.clip((cosine - _FACING[0]) / (_FACING[1] - _FACING[0]), 0, 1)
     skin = np.arange(len(at)) < face.n_skin
     return np.asarray(visible * facing * skin, dtype=np.float64)
