@@ -17,12 +17,12 @@ from facewright.imaging.poisson import solve_poisson
 from facewright.imaging.resample import resample
 from facewright.numeric.check import check_shape
 
-_DEPTH_TOLERANCE_MM = 3.0
+_DEPTH_TOLERANCE_MM = 1.0
 # Cosine of normal and ray in the picture over that in the wanted view: below, detail is missing; above, it is not.
 _FORESHORTENING = (0.25, 0.5)
 _GRAZING = 0.05  # cosine below which a picture does not show the skin
 _HEAD_MM = 180.0  # a head with its neck covers about a square of this side
-_SLIVER_MM = 2.5  # half the width of what a picture may fail to show between things that it shows
+_SLIVER_MM = 2.5  # inner rims of lips and lids are so wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,9 @@ def align_picture(photo: NDArray[np.uint8], source: MeshView, face: Face, target
     radius = max(1, round(_SLIVER_MM * scale))
     # inner rims of lips and lids hide themselves in one picture or the other
     rims = (seen < 0.5) & covered & ndimage.binary_dilation(target.openings, iterations=radius)
-    _continue_into(flow, target.openings | rims, covered & ~rims)
-    seen = _without_slivers(seen, target, radius)
+    between = target.openings | rims
+    _continue_into(flow, between, covered & ~rims)
+    seen = _without_slivers(seen, between, covered & ~rims, max(1, round(0.4 * radius)))
     shrinking = _shrinking(flow, covered)
     image = np.zeros((*covered.shape, 3), np.uint8)
     resample(_smoothed(photo, shrinking), flow[..., 0], flow[..., 1], where=known, out=image)
@@ -129,16 +130,19 @@ def _continue_into(flow: NDArray[np.float32], openings: NDArray[np.bool_], cover
         flow[box] = solve_poisson(flow[box], inside, free=~(inside | covered[box]))
 
 
-def _without_slivers(seen: NDArray[np.floating], target: SkinPixels, radius: int) -> NDArray[np.float32]:
-    """Return how well pixels are seen, with openings and thin slivers as well as the skin around them."""
-    picture = np.where(target.openings, 0.0, seen).astype(np.float32)
+def _without_slivers(
+    seen: NDArray[np.floating], between: NDArray[np.bool_], around: NDArray[np.bool_], radius: int
+) -> NDArray[np.float32]:
+    """Return how well pixels are seen: thin slivers, and what lies between lips or lids, as well as what is around."""
+    picture = np.where(between, 0.0, seen).astype(np.float32)
     closed = ndimage.grey_closing(picture, size=2 * radius + 1)
-    labels, count = ndimage.label(target.openings, np.ones((3, 3)))
+    labels, count = ndimage.label(between, np.ones((3, 3)))
     if count:
-        around = ndimage.grey_dilation(labels, size=2 * radius + 1) * target.fragments.covered
-        mean = np.nan_to_num(ndimage.mean(closed, around, np.arange(1, count + 1)))
-        closed = np.where(target.openings, np.concatenate([[0.0], mean])[labels], closed)
-    return np.asarray(closed, dtype=np.float32)
+        border = ndimage.grey_dilation(labels, size=2 * radius + 1) * around
+        mean = np.concatenate([[0.0], np.nan_to_num(ndimage.mean(closed, border, np.arange(1, count + 1)))])
+        closed = np.where(between, mean[labels], closed)
+    # beside what hides it the picture's own blur mixes skin with what is in front
+    return np.asarray(ndimage.grey_erosion(closed, size=2 * max(1, radius // 2) + 1), dtype=np.float32)
 
 
 def _shrinking(flow: NDArray[np.float32], covered: NDArray[np.bool_]) -> float:

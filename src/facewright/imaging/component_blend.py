@@ -20,6 +20,7 @@ _FLOOR = 0.03  # added to linear light before logarithms: the noise of dark pixe
 _LIGHT_MM = 12.0  # over this distance light is taken to vary; what varies faster is the face
 _LARGEST = np.log(3.0)  # of the light's variation about its mean
 _DECAY_MM = 5.0  # over this distance from the seam what the pictures differ by there dies out
+_PINHOLE_MM = 4.0  # a hole of less than a square of this side is filled
 _COARSE = 6.0  # pixels that stand for `_LIGHT_MM` where light is compared
 
 
@@ -94,13 +95,23 @@ def blend_component(
     target, source = _log_light(warped), _log_light(aligned.image)
     source += _light_difference(target - source, skin & shown, aligned.pixels_per_mm)
     mask = find_seam(_picture(target), _picture(source), inner & shown, outer)
-    # single pixels left to the warped picture (the far side of a nostril's rim) would bleed into what is around them
-    mask = ndimage.binary_fill_holes(mask)
+    mask = _without_pinholes(mask, aligned.pixels_per_mm)
     image = warped.copy()
     correction = blend_gradients(target, source, mask)[mask] - source[mask]
     depth = ndimage.distance_transform_edt(mask)[mask] / (_DECAY_MM * aligned.pixels_per_mm)
     image[mask] = _picture(source[mask] + np.exp(-(depth**2))[:, None] * correction)
     return ComponentBlend(image, mask, share)
+
+
+def _without_pinholes(mask: NDArray[np.bool_], pixels_per_mm: float) -> NDArray[np.bool_]:
+    """Return the mask with its small holes filled; large ones stay, such as a nostril that one picture hides.
+
+    Pixels left to the warped picture within the component would bleed into what is around them.
+    """
+    labels, count = ndimage.label(ndimage.binary_fill_holes(mask) & ~mask)
+    area = ndimage.sum_labels(labels > 0, labels, np.arange(1, count + 1))
+    small = np.concatenate([[False], area <= (_PINHOLE_MM * pixels_per_mm) ** 2])
+    return np.asarray(mask | small[labels])
 
 
 def _light_difference(

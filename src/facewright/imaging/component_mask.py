@@ -48,12 +48,13 @@ class _Place:
 
 
 _PLACES = {
-    "mouth": _Place(("lips",), 3.0, 24.0, ("nose", *_EYES)),
+    "mouth": _Place(("lips",), 11.0, 30.0, ("nose", *_EYES)),
     "eyes": _Place(_EYES, 1.0, 13.0, _BROWS),
     "brows": _Place(_BROWS, 3.5, 16.0, _EYES),
     "nose": _Place(("nose",), 0.0, 10.0, ("lips", *_EYES)),
     "face": _Place(("lips", "nose", "chin", *_EYES, *_BROWS), 16.0, 36.0),
 }
+_WHOLE_MM = 3.0  # so near its masks a component comes as a whole, whatever else is near
 _GAP_MM, _BAND_MM = 1.0, 5.0  # from what a component keeps away from, and how wide the band of the seam is there
 _RIM_MM, _RIM_BAND_MM = 8.0, 12.0  # from the rim of the face: the outline's own light and background stay out
 
@@ -121,7 +122,7 @@ def component_level(face: Face, component: str) -> NDArray[np.float64]:
         level = np.minimum(level, (distance.from_masks(*place.away_from) - _GAP_MM) / _BAND_MM)
     level = np.minimum(level, (distance.from_rim() - _RIM_MM) / _RIM_BAND_MM)
     if component != "face":  # a face must not come as a whole: its outline is the target's
-        level = np.where(core <= place.inner_mm, np.maximum(level, 1.0), level)
+        level = np.where(core <= min(place.inner_mm, _WHOLE_MM), np.maximum(level, 1.0), level)
     whole = np.full(face.topology.n_vertices, -1.0)
     whole[: face.n_skin] = np.maximum(level, -1.0)
     whole.flags.writeable = False
