@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +15,7 @@ from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.errors import MissingFaceError, NoFaceError, ValueRangeError
 from facewright.fitting.gaze import Eyeballs, find_gaze
 from facewright.fitting.image import PhotoFit, PhotoFitOptions, PhotoFitter
-from facewright.fitting.landmark_residual import CarriedResidual
+from facewright.fitting.landmark_residual import CarriedResidual, smooth_field
 from facewright.fitting.lip_line import refine_lip_line
 from facewright.imaging.mesh_view import MeshView
 from facewright.landmarks.points import Landmarks
@@ -82,7 +82,6 @@ class PhotoSubject:
     residual: NDArray[np.float64]
     remarks: tuple[str, ...] = ()
     _attacher: PartsAttacher | None = None
-    _identity_bases: dict[bytes, NDArray[np.float32]] = field(default_factory=dict)
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -107,7 +106,8 @@ class PhotoSubject:
         Parameters
         ----------
         identity_weights : ndarray of shape (I,), optional
-            Another identity; the photo's where absent.
+            Another identity; the photo's where absent. It changes the neutral; expressions keep the displacements that
+            the photo showed of this person, so that a mouth stays as far open as it is.
         weights : ndarray of shape (46,), optional
             Another expression; the photo's where absent.
         gaze : ndarray of shape (2, 2), optional
@@ -117,11 +117,23 @@ class PhotoSubject:
         posed = self.rig.pose(beta).astype(np.float64)
         eyeballs = self._eyeballs
         if identity_weights is not None:
-            posed += self._identity_change(identity_weights, beta)
-            neutral = self.rig.neutral + self._identity_change(identity_weights, np.zeros_like(beta))
+            neutral = self.rig.neutral + self._identity_change(identity_weights)
+            posed = self._with_neutral(posed, neutral)
             eyeballs = Eyeballs(self.face, neutral)
         eyeballs.turn(posed, self.gaze if gaze is None else gaze)
         return posed
+
+    def _with_neutral(self, posed: NDArray[np.float64], neutral: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return a posed mesh with another neutral; lids open by the same share as before."""
+        rest = self.rig.neutral.astype(np.float64)
+        result = posed + (neutral - rest)
+        for contact in smooth_field(self.face).lid_contacts:
+            was, now, at_rest, at_new_rest = (contact.offsets(v)[:, 1] for v in (posed, result, rest, neutral))
+            wanted = was * at_new_rest / np.maximum(at_rest, 0.1)
+            change = np.zeros((len(wanted), 3))
+            change[:, 1] = np.where(at_rest > 0.1, wanted - now, 0.0)
+            contact.change(result, change)
+        return result
 
     def view(self, vertices: NDArray[np.floating], camera_from_model: RigidMotion | None = None) -> MeshView:
         """Return how the photo's camera sees a mesh, moved by the residual.
@@ -167,25 +179,21 @@ class PhotoSubject:
         light = estimate_light(self.photo, self.source, self.face)
         return InnerFace.of(self.photo, self.source, self.face, light)
 
-    def _identity_change(
-        self, identity_weights: NDArray[np.floating], beta: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return how all parts (V, 3) differ with another identity, in one expression."""
+    def _identity_change(self, identity_weights: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return how all parts (V, 3) of the neutral differ with another identity."""
         model = self.fit.model
         check_shape("identity_weights", identity_weights, model.n_identity)
-        key = beta.tobytes()
-        if key not in self._identity_bases:
-            if len(self._identity_bases) >= 2:
-                self._identity_bases.pop(next(iter(self._identity_bases)))
-            self._identity_bases[key] = model.expression(model.expression_from_blendshapes(beta))
-        basis = self._identity_bases[key]
         step = np.asarray(identity_weights, dtype=np.float64) - self.fit.identity_weights
-        change = np.tensordot(step, basis.astype(np.float64), 1)
+        change = np.tensordot(step, self._neutral_basis.astype(np.float64), 1)
         if self._attacher is None:
             return np.asarray(change)
         skin = self.rig.neutral[: len(change)].astype(np.float64)
-        moved = self._attacher.neutral(skin + change) - self._attacher.neutral(skin)
-        return np.asarray(moved)
+        return np.asarray(self._attacher.neutral(skin + change) - self._attacher.neutral(skin))
+
+    @cached_property
+    def _neutral_basis(self) -> NDArray[np.float32]:
+        """The neutral as a linear model of identity, (I, V, 3)."""
+        return self.fit.model.expression(self.fit.model.expression_weights[0])
 
 
 def open_photo_subject(

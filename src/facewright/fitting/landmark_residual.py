@@ -101,8 +101,9 @@ class SmoothField:
         self._followers = Followers(rest[self.surface], rest[self._pieces.loose])
         self._jaw_share = _jaw_share(face)
         contacts = face_contacts(rest, face.topology, self._pieces.surface_faces)
+        self.lip_contacts = [contact for name, contact in contacts.items() if name == "lips"]
         # the upper lid alone goes to the lower one
-        self.contacts = [contact for name, contact in contacts.items() if not name.startswith("lower_lid")]
+        self.lid_contacts = [contact for name, contact in contacts.items() if name.startswith("upper_lid")]
 
     def columns(self, anchors: Anchors) -> NDArray[np.float64]:
         """Return the field's covariance of all surface vertices with the anchors, (S, K), up to a factor."""
@@ -289,7 +290,7 @@ class CarriedResidual:
         check_shape("displacement", displacement, face.topology.n_vertices, 3)
         check_shape("source", source, face.topology.n_vertices, 3)
         self.displacement = np.asarray(displacement, dtype=np.float64)
-        self._contacts = smooth_field(face).contacts
+        self._contacts = [*smooth_field(face).lip_contacts, *smooth_field(face).lid_contacts]
         self._source_gaps = [contact.offsets(source)[:, 1] for contact in self._contacts]
         self._parting = [contact.offsets(self.displacement) for contact in self._contacts]
 
