@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facewright.errors import ShapeError, ValueRangeError
-from facewright.imaging.resample import resample
+from facewright.imaging.resample import resample, resample_displaced
 
 
 def keys(s):
@@ -94,3 +94,31 @@ def test_refuses(change, error):
     good = {"image": np.zeros((4, 4, 3), np.uint8), "x": np.zeros(2), "y": np.zeros(2)}
     with pytest.raises(error):
         resample(**(good | change))
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_displaced_is_resample_at_the_displaced_places(rng, kind):
+    photo = rng.integers(0, 256, (40, 50, 3), dtype=np.uint8)
+    displacement = rng.normal(scale=6, size=(20, 30, 2)).astype(np.float32)
+    displacement[rng.random((20, 30)) < 0.3] = 0
+    part, moved = resample_displaced(photo.astype(kind), displacement, (15, 12))
+    y, x = np.mgrid[12:32, 15:45].astype(np.float32)
+    np.testing.assert_array_equal(part, resample(photo, x + displacement[..., 0], y + displacement[..., 1]))
+    np.testing.assert_array_equal(moved, (displacement != 0).any(axis=2))
+    np.testing.assert_array_equal(part[~moved], photo[12:32, 15:45][~moved])
+
+
+@pytest.mark.parametrize(
+    ("change", "error"),
+    [
+        ({"image": np.zeros((8, 8), np.uint8)}, ShapeError),
+        ({"displacement": np.zeros((4, 4))}, ShapeError),
+        ({"displacement": np.full((4, 4, 2), np.nan)}, ValueRangeError),
+        ({"origin": (5, 0)}, ValueRangeError),
+        ({"origin": (0, -1)}, ValueRangeError),
+    ],
+)
+def test_displaced_refuses(change, error):
+    good = {"image": np.zeros((8, 8, 3), np.uint8), "displacement": np.zeros((4, 4, 2)), "origin": (4, 4)}
+    with pytest.raises(error):
+        resample_displaced(**(good | change))

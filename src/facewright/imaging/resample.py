@@ -99,6 +99,51 @@ def resample(
     return out
 
 
+def resample_displaced(
+    image: NDArray[Any], displacement: NDArray[np.floating], origin: tuple[int, int] = (0, 0)
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return the part of a picture whose pixel p is the picture's at p + displacement(p), bicubic as `resample`.
+
+    Parameters
+    ----------
+    image : ndarray of shape (H, W, 3), uint8 or float32
+        The picture, in [0, 255]. float32 is a third faster, for who draws the same picture many times.
+    displacement : ndarray of shape (h, w, 2), pixels
+        In x and y. Pixels where it is exactly zero keep their bits.
+    origin : (x, y)
+        Where the part begins in the picture.
+
+    Returns
+    -------
+    part : ndarray of shape (h, w, 3), uint8
+        Beyond the picture's border its border's pixels go on.
+    moved : ndarray of shape (h, w), bool
+        Where the displacement is not zero.
+
+    Raises
+    ------
+    ShapeError
+        If shapes do not match.
+    ValueRangeError
+        If the part leaves the picture, or a displacement is NaN.
+    """
+    sizes = check_shape("image", image, "H", "W", 3)
+    found = check_shape("displacement", displacement, "h", "w", 2)
+    pixels = np.ascontiguousarray(image, dtype=None if image.dtype == np.uint8 else np.float32)
+    (x, y), h, w = origin, found["h"], found["w"]
+    if x < 0 or y < 0 or x + w > sizes["W"] or y + h > sizes["H"]:
+        raise ValueRangeError(
+            f"the part must lie in the picture of {sizes['W']} x {sizes['H']} pixels, "
+            f"got {w} x {h} pixels at ({x}, {y})."
+        )
+    part, moved = np.empty((h, w, 3), np.uint8), np.empty((h, w), np.bool_)
+    steps = np.ascontiguousarray(displacement, dtype=np.float32)
+    bad = _resample_displaced(pixels, steps, np.uint64(x), np.uint64(y), part, moved)
+    if bad:
+        raise ValueRangeError(f"displacement must hold numbers, got NaN at {bad} of {h * w} pixels.")
+    return part, moved
+
+
 @njit(cache=True, nogil=True, inline="always")
 def _cubic(t):  # type: ignore[no-untyped-def]
     """Weights of the pixels at -1, 0, 1, 2 for the place t in [0, 1): Keys, eq. (15)."""
@@ -154,6 +199,34 @@ def _resample(image, x, y, where, everywhere, out):  # type: ignore[no-untyped-d
         else:
             for c in range(channels):
                 _store(out, i, c, _sample(image, x0, x1, x2, x3, y0, y1, y2, y3, a, b, np.uint64(c)))
+    return bad
+
+
+@njit(cache=True, nogil=True)
+def _resample_displaced(image, displacement, left, top, out, moved):  # type: ignore[no-untyped-def]
+    height, width, _ = image.shape
+    zero, right, bottom = np.float32(0), np.float32(width - 1), np.float32(height - 1)
+    half, white = np.float32(0.5), np.float32(255)
+    bad = 0
+    for y in range(np.uint64(moved.shape[0])):
+        for x in range(np.uint64(moved.shape[1])):
+            dx, dy = displacement[y, x, 0], displacement[y, x, 1]
+            at_x, at_y = np.uint64(left + x), np.uint64(top + y)
+            moved[y, x] = dx != zero or dy != zero
+            if not moved[y, x]:
+                for c in range(3):
+                    out[y, x, c] = np.int32(image[at_y, at_x, np.uint64(c)])
+                continue
+            px, py = np.float32(at_x) + dx, np.float32(at_y) + dy
+            if np.isnan(px) or np.isnan(py):
+                bad += 1
+                continue
+            x0, x1, x2, x3, tx = _neighbours(min(max(px, zero), right), width)
+            y0, y1, y2, y3, ty = _neighbours(min(max(py, zero), bottom), height)
+            a, b = _cubic(tx), _cubic(ty)
+            for c in range(3):
+                value = _sample(image, x0, x1, x2, x3, y0, y1, y2, y3, a, b, np.uint64(c))
+                out[y, x, c] = np.int32(min(max(value + half, zero), white))
     return bad
 
 
