@@ -29,6 +29,7 @@ _LEAST_SEEN = 0.5  # of the component, that the reference must show
 # What sharing an identity may cost, as the sum of squared distances of all landmarks by the inter-ocular distance: of
 # pairs of one simulated person 19 in 20 stay below, of pairs of two 7 in 8 lie above.
 _TWO_PEOPLE = 0.009
+_STILL_MM = 1e-6  # what is less is rounding: a photo's own component moves nothing
 _MARGIN = 0.15  # round the face's skin, as a share of its size: what the blend may look at
 
 
@@ -245,8 +246,8 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
     if face.topology.fingerprint != reference.face.topology.fingerprint:
         raise TopologyError("target and reference must be fitted with models of one face, got two.")
     level = component_level(face, component)
-    view, weights, gaze = _new_view(target, reference, component, level)
-    warped = target.synthesiser.draw(view, gaze)
+    view, weights = _new_view(target, reference, component, level)
+    warped = target.synthesiser.draw(view)
     box = _box(face, view, target.photo.shape[:2])
     there = _box(face, reference.source, reference.photo.shape[:2])
     pixels = SkinPixels.of(face, _within(view, box), _size(box))
@@ -270,8 +271,8 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
 
 def _new_view(
     target: PhotoSubject, reference: PhotoSubject, component: str, level: NDArray[np.float64]
-) -> tuple[MeshView, NDArray[np.float64], NDArray[np.float64]]:
-    """Return the target's view of its face with the reference's component, its coefficients and its gaze."""
+) -> tuple[MeshView, NDArray[np.float64]]:
+    """Return the target's view of its face with the reference's component, and its coefficients."""
     moves = component_shapes(component, target.rig.names)
     weights = np.where(moves, reference.weights, target.weights)
     gaze = reference.gaze if component in ("eyes", "face") else target.gaze
@@ -280,10 +281,10 @@ def _new_view(
     if np.array_equal(target.fit.identity_weights, reference.fit.identity_weights):
         # within the component the face is the reference's, and so is what the model does not say of it
         share = np.clip(level, 0.0, 1.0)[:, None]
-        theirs = target.camera_from_model.apply(vertices + reference.residual)
-        seen = (1.0 - share) * view.camera_vertices + share * theirs
+        step = share * (target.camera_from_model.apply(vertices + reference.residual) - view.camera_vertices)
+        seen = view.camera_vertices + np.where(np.abs(step) > _STILL_MM, step, 0.0)
         view = replace(view, pixels=target.intrinsics.project(seen), camera_vertices=seen)
-    return view, weights, gaze
+    return view, weights
 
 
 def _box(face: Face, view: MeshView, size: tuple[int, ...]) -> tuple[slice, slice]:
