@@ -4,7 +4,7 @@ from scipy.ndimage import gaussian_filter
 
 from facewright.errors import DegenerateError, ShapeError, ValueRangeError
 from facewright.imaging.colour import srgb_from_linear
-from facewright.imaging.colour_match import estimate_colour_match, match_colours
+from facewright.imaging.colour_match import ColourMatch, estimate_colour_match, match_colours
 
 SIZE = (120, 150)
 
@@ -78,6 +78,13 @@ def test_a_ring_tells_its_inside(rng):
     got = match_colours(encoded(lips), encoded(linear * gain), (radius > 30) & (radius < 50))
     inside = radius < 18
     assert levels_apart(got, encoded(lips * gain))[inside].mean() < 2
+
+
+def test_no_match_is_no_change():
+    """Gain 1, offset 0, light 1: every byte comes back from linear light as it was."""
+    every = np.arange(256, dtype=np.uint8)[:, None, None].repeat(3, axis=2)
+    nothing = ColourMatch(np.ones(3), np.zeros(3), np.ones((4, 1, 3), np.float32), 64, (256, 1))
+    np.testing.assert_array_equal(nothing.apply(every), every)
 
 
 def test_only_where_asked(rng):

@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from facewright.errors import DegenerateError, ValueRangeError
 from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
+from facewright.imaging.poisson import mask_box
 from facewright.imaging.resample import resample
 from facewright.numeric.check import check_shape
 
@@ -22,6 +23,9 @@ _MAX_LIGHT = 1.8
 #: Strength with which the offset is held at 0, as a share of the colours' spread that counts as no evidence for it.
 _OFFSET_PRIOR = 0.15
 _LUT = linear_from_srgb(np.arange(256) / 255.0)
+#: sRGB bytes of linear light whose square root is k / 8191: finer than bytes everywhere.
+_ENCODED = np.rint(srgb_from_linear((np.arange(8192) / 8191.0) ** 2) * 255.0).astype(np.uint8)
+_ROWS = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +65,15 @@ class ColourMatch:
         _check_bytes("image", image)
         mask = np.ones(self.size, np.bool_) if where is None else np.asarray(where, dtype=np.bool_)
         check_shape("where", mask, height, width)
-        y, x = np.nonzero(mask)
-        # a cell's value belongs to its centre
-        half = (self.cell - 1) / 2
-        light = resample(self.light, (x - half) / self.cell, (y - half) / self.cell)
-        linear = np.maximum(_LUT[image[mask]] * self.gain + self.offset, 0.0) * light
         out = image.copy()
-        out[mask] = np.rint(srgb_from_linear(linear) * 255.0).astype(np.uint8)
+        for top in range(0, height, _ROWS):  # in strips: photos may be large
+            strip = slice(top, top + _ROWS)
+            y, x = np.nonzero(mask[strip])
+            # a cell's value belongs to its centre
+            half = (self.cell - 1) / 2
+            light = resample(self.light, (x - half) / self.cell, (y + top - half) / self.cell)
+            linear = _LUT[image[strip][mask[strip]]] * self.gain.astype(np.float32) + self.offset.astype(np.float32)
+            out[strip][mask[strip]] = _encode(linear * light)
         return out
 
 
@@ -116,9 +122,11 @@ def estimate_colour_match(
     check_shape("where", where, "H", "W", **sizes)
     _check_bytes("source", source)
     _check_bytes("target", target)
-    mask = np.asarray(where, dtype=np.bool_)
-    for picture in (source, target):  # clipped pixels do not tell their light
-        mask = mask & (picture.max(axis=2) < 254) & (picture.min(axis=2) > 1)
+    mask = np.array(where, dtype=np.bool_)
+    if mask.any():
+        box = mask_box(mask)
+        for picture in (source[box], target[box]):  # clipped pixels do not tell their light
+            mask[box] &= ((picture > 1) & (picture < 254)).all(axis=2)
     cell = max(1, -(-_extent(mask) // _CELLS))
     share, ours, theirs = _cell_means(mask, source, target, cell)
     used = share > 0.25
@@ -138,6 +146,11 @@ def estimate_colour_match(
         certain[used] = weights.min(axis=1, keepdims=True) * share[used][:, None]
         light = _smooth_light(ratio, certain, _extent(mask) / cell)
     return ColourMatch(gain, offset, light, cell, (sizes["H"], sizes["W"]))
+
+
+def _encode(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Encode linear light as sRGB bytes, by table."""
+    return np.asarray(_ENCODED[(np.sqrt(np.clip(linear, 0.0, 1.0)) * 8191.0 + 0.5).astype(np.int32)])
 
 
 def _extent(mask: NDArray[np.bool_]) -> int:
@@ -200,10 +213,19 @@ def _smooth_light(ratio: NDArray[np.float64], certain: NDArray[np.float64], exte
     """Return the smooth factor (h, w, 3) from the log ratios of the cells and their weights."""
     sigma = max(1.0, extent_cells / 5)
     limit = float(np.log(_MAX_LIGHT))
-    total = gaussian_filter(np.clip(ratio, -limit, limit) * certain, (sigma, sigma, 0), mode="constant")
-    weight = gaussian_filter(certain, (sigma, sigma, 0), mode="constant")
+    light = np.ones(ratio.shape, np.float32)
+    rows, columns = mask_box(certain.any(axis=2))
+    reach = int(np.ceil(4 * sigma)) + 1
+    near = (
+        slice(max(rows.start - reach, 0), rows.stop + reach),
+        slice(max(columns.start - reach, 0), columns.stop + reach),
+    )
+    pulled = np.clip(ratio[near], -limit, limit) * certain[near]
+    total = gaussian_filter(pulled, (sigma, sigma, 0), mode="constant")
+    weight = gaussian_filter(certain[near], (sigma, sigma, 0), mode="constant")
     # the little weight beside the cells' own pulls to no change where no cell is near
-    return np.exp(total / (weight + 0.02 * weight.max())).astype(np.float32)
+    light[near] = np.exp(total / (weight + 0.02 * weight.max()))
+    return light
 
 
 def _check_bytes(name: str, image: NDArray[Any]) -> None:
