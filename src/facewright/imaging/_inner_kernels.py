@@ -14,26 +14,32 @@ N_MOUTH_COLUMNS = 7
 
 
 @njit(cache=True, nogil=True, inline="always")
+def _cubic(t):  # type: ignore[no-untyped-def]
+    """Weights of the pixels at -1, 0, 1, 2 for the place t in [0, 1): Keys (1981), a = -1/2."""
+    t2 = t * t
+    t3 = t2 * t
+    return 0.5 * (2 * t2 - t3 - t), 1 + 0.5 * (3 * t3 - 5 * t2), 0.5 * (4 * t2 - 3 * t3 + t), 0.5 * (t3 - t2)
+
+
+@njit(cache=True, nogil=True)
 def _look_up(picture, x, y, out):  # type: ignore[no-untyped-def]
-    """Bicubic (Keys, a = -1/2) look-up of a float32 picture (h, w, C); the border goes on; `out` (C,) is filled."""
+    """Bicubic look-up of a float32 picture (h, w, C); the border goes on; `out` (C or longer) is filled."""
     h, w, channels = picture.shape
     x = min(max(x, 0.0), w - 1.0)
     y = min(max(y, 0.0), h - 1.0)
-    xi, yi = int(x), int(y)
-    t, s = x - xi, y - yi
+    x1, y1 = int(x), int(y)
+    x0, x2, x3 = max(x1 - 1, 0), min(x1 + 1, w - 1), min(x1 + 2, w - 1)
+    y0, y2, y3 = max(y1 - 1, 0), min(y1 + 1, h - 1), min(y1 + 2, h - 1)
+    a0, a1, a2, a3 = _cubic(x - x1)
+    b0, b1, b2, b3 = _cubic(y - y1)
     for c in range(channels):
-        out[c] = 0.0
-    for j in range(-1, 3):
-        v = abs(s - j)
-        wy = (1.5 * v - 2.5) * v * v + 1.0 if v <= 1.0 else ((-0.5 * v + 2.5) * v - 4.0) * v + 2.0
-        row = min(max(yi + j, 0), h - 1)
-        for i in range(-1, 3):
-            u = abs(t - i)
-            wx = (1.5 * u - 2.5) * u * u + 1.0 if u <= 1.0 else ((-0.5 * u + 2.5) * u - 4.0) * u + 2.0
-            column = min(max(xi + i, 0), w - 1)
-            weight = wx * wy
-            for c in range(channels):
-                out[c] += weight * picture[row, column, c]
+        p, q = picture[y0], picture[y1]
+        total = b0 * (a0 * p[x0, c] + a1 * p[x1, c] + a2 * p[x2, c] + a3 * p[x3, c])
+        total += b1 * (a0 * q[x0, c] + a1 * q[x1, c] + a2 * q[x2, c] + a3 * q[x3, c])
+        p, q = picture[y2], picture[y3]
+        total += b2 * (a0 * p[x0, c] + a1 * p[x1, c] + a2 * p[x2, c] + a3 * p[x3, c])
+        total += b3 * (a0 * q[x0, c] + a1 * q[x1, c] + a2 * q[x2, c] + a3 * q[x3, c])
+        out[c] = total
 
 
 @njit(cache=True, nogil=True)
@@ -70,7 +76,10 @@ def _look_up_layer(layer, x, y, terms, out):  # type: ignore[no-untyped-def]
     at_y = terms[0, 1] + terms[1, 1] * dx + terms[2, 1] * dy
     at_x += terms[3, 0] * dx * dx + terms[4, 0] * dx * dy + terms[5, 0] * dy * dy
     at_y += terms[3, 1] * dx * dx + terms[4, 1] * dx * dy + terms[5, 1] * dy * dy
-    if 0 <= at_x <= layer.shape[1] - 1 and 0 <= at_y <= layer.shape[0] - 1:
+    if not (0 <= at_x < layer.shape[1] - 1 and 0 <= at_y < layer.shape[0] - 1):
+        return
+    j, i = int(at_y), int(at_x)
+    if layer[j, i, 3] + layer[j, i, 4] + layer[j + 1, i + 1, 3] + layer[j + 1, i + 1, 4] > 0:
         _look_up(layer, at_x, at_y, out)
 
 
@@ -87,6 +96,7 @@ def compose(  # type: ignore[no-untyped-def]
     A pixel is drawn anew only where one of its samples is not plain skin. See `InnerFace.paint` for the arguments.
     """
     rows, columns = face_index.shape[0] // step, face_index.shape[1] // step
+    scratch = np.zeros((4, 5), np.float32)
     for py in range(rows):
         for px in range(columns):
             _compose_pixel(
@@ -94,7 +104,7 @@ def compose(  # type: ignore[no-untyped-def]
                 skin, skin_picture, grain, origin_x, origin_y, lash_colour,
                 eye_picture, eye_x, eye_y, shadow, shadow_mm,
                 mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
-                skull, skull_map, jaw, jaw_map, encode,
+                skull, skull_map, jaw, jaw_map, encode, scratch,
             )  # fmt: skip
 
 
@@ -104,10 +114,9 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
     skin, skin_picture, grain, origin_x, origin_y, lash_colour,
     eye_picture, eye_x, eye_y, shadow, shadow_mm,
     mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
-    skull, skull_map, jaw, jaw_map, encode,
+    skull, skull_map, jaw, jaw_map, encode, scratch,
 ):  # fmt: skip
-    colour, fine = np.empty(3, np.float32), np.empty(3, np.float32)
-    over, under = np.zeros(5, np.float32), np.zeros(5, np.float32)
+    colour, fine, over, under = scratch[0], scratch[1], scratch[2], scratch[3]
     total_r, total_g, total_b = 0.0, 0.0, 0.0
     seen, bare = 0, 0
     place_x, place_y, rim, special = 0.0, 0.0, 0.0, False
@@ -161,7 +170,7 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
                     _look_up(skin_picture, at_x, at_y, colour)
                     if lid > 0.004:
                         lash = u * skin[a, 6] + v * skin[b, 6] + w * skin[c, 6]
-                        dark = np.exp(-((max(lash - 0.7, 0.0) / lash_colour[4]) ** 2)) * lash_colour[3]
+                        dark = np.exp(-((max(lash - 0.4, 0.0) / lash_colour[4]) ** 2)) * lash_colour[3]
                         grain_x = u * skin[a, 9] + v * skin[b, 9] + w * skin[c, 9] - origin_x
                         grain_y = u * skin[a, 10] + v * skin[b, 10] + w * skin[c, 10] - origin_y
                         _look_up(grain, grain_x, grain_y, fine)
@@ -192,7 +201,7 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
                     height = (edges[1, x] - edges[0, x] + 1) / (step * px_per_mm)
                     slit = min(max((height + 0.3) / 2.0, 0.2), 1.0)  # little light gets between lips
                     dim = np.exp(-max(depth, 0.0) / depth_mm) * (1 - shadow * np.exp(-below / shadow_mm))
-                    dim *= slit * height / (height + 1.2)
+                    dim *= slit * height / (height + 0.6)
                     if kind == 3:  # drawn teeth give way to those of the photo
                         hole = over[4]
                     elif kind == 4:

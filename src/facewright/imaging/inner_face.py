@@ -36,7 +36,7 @@ from facewright.imaging.skin_layer import skin_layer
 from facewright.numeric.check import check_shape
 
 #: sRGB of teeth, gums and tongue, and of the mouth's walls, in white light.
-_TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.42, 0.15, 0.14)
+_TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.50, 0.18, 0.17)
 _TEETH_BEHIND_LIPS_MM = 6.0
 _TOUCH_MM = 0.9
 _TOOTH_OF_SCLERA = np.array([1.0, 0.97, 0.86])
@@ -59,6 +59,8 @@ class _Prepared:
     lid: LidSkin | None = None
     eye: EyeLayer | None = None
     layers: MouthLayers | None = None
+    mouth: NDArray[np.float32] | None = None  # (M, N_MOUTH_COLUMNS) but for the light
+    rows: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None  # foremost upper and lower teeth
 
 
 class InnerFace:
@@ -163,7 +165,9 @@ class InnerFace:
         crop = photo[y0:y1, x0:x1]
         kinds = np.where(fragments.covered, opening.kinds[fragments.face_index], SKIN)
         inside = kinds > SKIN
-        picture = skin_layer(crop, inside, inset_px=max(1.0, 0.3 * scale), doubt_px=max(2.0, 1.2 * scale))
+        # no more than the very edge: lashes differ from skin, and shall stay
+        edge = max(1.0, 0.3 * scale)
+        picture = skin_layer(crop, inside, inset_px=edge, doubt_px=edge)
         edges = upper_edges(fragments.face_index, opening.kinds, EYE)[0]
         rows = np.arange(inside.shape[0])[:, None]
         below = np.where(edges >= 0, (rows - edges) / scale, 0.0)
@@ -194,7 +198,19 @@ class InnerFace:
         gum = 0.5 * colour + 0.5 * 255.0 * srgb_from_linear(0.9 * white * linear_from_srgb(np.array(_FLESH)))
         layers = mouth_layers(crop, (x0, y0), inside, colour, self._incisal(opening, (x0, y0, x1, y1)), scale, gum)
         self._prepare_colours(layers)
-        return _Prepared(opening, self.source.pixels[opening.vertices], picture, _NO_PICTURE, (x0, y0), layers=layers)
+        rows = tuple(
+            np.intersect1d(opening.probes, opening.faces[opening.kinds == kind]) for kind in (UPPER_TOOTH, LOWER_TOOTH)
+        )
+        return _Prepared(
+            opening,
+            self.source.pixels[opening.vertices],
+            picture,
+            _NO_PICTURE,
+            (x0, y0),
+            layers=layers,
+            mouth=self._mouth_columns(opening),
+            rows=rows,
+        )
 
     def _lips(self, opening: Opening, fragments: Fragments) -> NDArray[np.bool_]:
         weight = np.zeros((len(opening.vertices), 1), np.float32)
@@ -277,7 +293,7 @@ class InnerFace:
         self, image: NDArray[np.uint8], marks: NDArray[np.bool_], prepared: _Prepared, target: MeshView
     ) -> None:
         opening, layers = prepared.opening, prepared.layers
-        assert layers is not None
+        assert layers is not None and prepared.mouth is not None and prepared.rows is not None
         ids = opening.vertices
         pixels, seen = target.pixels[ids], target.camera_vertices[ids]
         scale = _px_per_mm(target, opening)
@@ -287,15 +303,16 @@ class InnerFace:
         skin = np.zeros((len(ids), N_SKIN_COLUMNS), np.float32)
         skin[:, :2] = prepared.pixels
         skin[:, 7], skin[:, 8] = self._wet(prepared, seen), opening.near
-        normals = unit_normals(np.ascontiguousarray(seen), opening.faces)
+        inner = np.flatnonzero(ids >= self.face.n_skin)
+        normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds > SKIN])
+        mouth = prepared.mouth.copy()
+        mouth[inner, :3] = self.light.irradiance(normals[inner])
         gap = _gap(opening, seen)
         height = float(np.percentile(gap, 70)) if len(gap) else 0.0
-        maps = tuple(
-            _layer_map(opening, kind, pixels, prepared.pixels, layers.origin) for kind in (UPPER_TOOTH, LOWER_TOOTH)
-        )
+        maps = tuple(_layer_map(row, pixels, prepared.pixels, layers.origin) for row in prepared.rows)
         self._draw(
-            image, marks, prepared, target, scale, mix, skin, self._mouth_attributes(opening, normals),
-            _NO_PICTURE, (0, 0), 0.35, 2.0, np.zeros(5, np.float32), 5.0 + 1.3 * height, maps,
+            image, marks, prepared, target, scale, mix, skin, mouth,
+            _NO_PICTURE, (0, 0), 0.28, 1.5, np.zeros(5, np.float32), 8.0 + 1.3 * height, maps,
         )  # fmt: skip
 
     def _wet(self, prepared: _Prepared, seen: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -306,10 +323,9 @@ class InnerFace:
         line = np.clip(shut - was_shut, 0, 1)[opening.pair]
         return np.asarray(opening.hidden * opening.near + 1.3 * opening.seam * line)
 
-    def _mouth_attributes(self, opening: Opening, normals: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return light, and what they are made of, of the mouth's vertices: the columns that `compose` takes."""
+    def _mouth_columns(self, opening: Opening) -> NDArray[np.float32]:
+        """Return what the mouth's vertices are made of, in the columns that `compose` takes; the light is 0 yet."""
         mouth = np.zeros((len(opening.vertices), N_MOUTH_COLUMNS), np.float32)
-        mouth[:, :3] = self.light.irradiance(normals)
         paint = paint_map(self.face)
         attributes = paint.columns(paint.attributes[opening.vertices])
         mouth[:, 3], mouth[:, 4], mouth[:, 5] = attributes["flesh"], attributes["cavity"], attributes["groove"]
@@ -340,7 +356,7 @@ class InnerFace:
         x0, y0, x1, y1 = _box(pixels[opening.rim], 3.0, self._size)
         if x1 <= x0 or y1 <= y0:
             return
-        step = 3 if max(x1 - x0, y1 - y0) < 90 else 2
+        step = 3 if max(x1 - x0, y1 - y0) < 45 else 2
         fragments = rasterise(
             (pixels - (x0, y0) + 0.5) * step - 0.5,
             target.depth[opening.vertices],
@@ -429,15 +445,14 @@ def _box(pixels: NDArray[np.floating], margin: float, size: tuple[int, ...]) -> 
 
 def _px_per_mm(view: MeshView, opening: Opening) -> float:
     """Return the scale of a view at an opening, pixels per millimetre."""
-    ids = opening.vertices[opening.rim]
+    ids = opening.vertices[opening.rim[::5]]
     flat, deep = view.pixels[ids], view.camera_vertices[ids, :2]
     spread = np.linalg.norm(deep - deep.mean(axis=0))
     return float(np.linalg.norm(flat - flat.mean(axis=0)) / max(float(spread), 1e-9))
 
 
 def _layer_map(
-    opening: Opening,
-    kind: int,
+    teeth: NDArray[np.intp],
     target: NDArray[np.float64],
     source: NDArray[np.float64],
     origin: tuple[int, int],
@@ -446,8 +461,7 @@ def _layer_map(
 
     Rows: constant, x, y, x^2, xy, y^2, then middle and inverse size of the normalisation.
     """
-    ids = opening.probes[np.isin(opening.probes, np.unique(opening.faces[opening.kinds == kind]))]
-    now, then = target[ids], source[ids] - origin
+    now, then = target[teeth], source[teeth] - origin
     middle = now.mean(axis=0)
     size = 1.0 / np.maximum(np.abs(now - middle).max(), 1e-6)
     d = (now - middle) * size

@@ -25,6 +25,8 @@ _STRETCH = (1.35, 2.4)
 #: Closing by so many millimetres begins to, and does, need lid skin.
 _CLOSING_MM = (0.4, 2.0)
 _SPREAD = 3
+#: Lids nearer than this are shut; lashes of shut eyes cover so much beside their line.
+_SHUT_MM, _MARGIN_MM = 2.0, 3.5
 #: Closed lids are darker towards the lashes: how much, and over how many millimetres.
 _LASH_SHADE, _LASH_SHADE_MM = 0.18, 2.5
 _CREASE_SHADE = 0.10
@@ -76,7 +78,10 @@ class LidSkin:
         closing = float(np.percentile(self._gap - gap_mm, 75)) if len(gap_mm) else 0.0
         amount = _ease((closing - _CLOSING_MM[0]) / (_CLOSING_MM[1] - _CLOSING_MM[0]))
         if amount <= 0:
-            return np.zeros(len(self.zone), np.float32)
+            # lids that part leave the line of lashes behind in which they met
+            was_shut = 1 - np.clip(self._gap / _SHUT_MM, 0, 1)[opening.pair]
+            parted = was_shut * np.clip((gap_mm - self._gap) / _SHUT_MM, 0, 1)[opening.pair]
+            return np.asarray(parted * np.clip(_MARGIN_MM - self.lash_mm, 0, 1), np.float32)
         area = front_areas(np.ascontiguousarray(pixels, np.float64), self._faces)
         grown = np.median(area[self.zone == 0].clip(1e-6)) / self._scale  # the whole picture may be larger
         stretch = area / np.maximum(self._area * grown, 1e-3 * self._scale)
@@ -90,11 +95,13 @@ class LidSkin:
         """Return `colours` in the light that the lid gets in a view with unit normals (M, 3)."""
         luminance = light.terms @ np.array([0.2126, 0.7152, 0.0722])
         floor = 0.1 * abs(luminance[0])
-        now = np.maximum(harmonics(np.asarray(normals, np.float64)) @ luminance, floor)
-        then = np.maximum(harmonics(self._normals) @ luminance, floor)
+        lid = np.flatnonzero(self.zone)
+        now = np.maximum(harmonics(np.asarray(normals[lid], np.float64)) @ luminance, floor)
+        then = np.maximum(harmonics(self._normals[lid]) @ luminance, floor)
+        result = self.colours.copy()
         # sRGB values go with about the 2.2nd root of light
-        ratio = np.clip(now / then, 0.5, 1.8) ** (1.0 / 2.2)
-        return np.asarray(np.minimum(self.colours * ratio[:, None], 255.0), np.float32)
+        result[lid] *= (np.clip(now / then, 0.5, 1.8) ** (1.0 / 2.2)).astype(np.float32)[:, None]
+        return np.asarray(np.minimum(result, 255.0), np.float32)
 
 
 def lid_skin(photo: NDArray[np.uint8], source: MeshView, face: Face, opening: Opening) -> LidSkin:

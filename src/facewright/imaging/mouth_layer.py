@@ -73,7 +73,7 @@ def mouth_layers(
     h, w = inside.shape
     skull, jaw = np.zeros((h, w, 5), np.float32), np.zeros((h, w, 5), np.float32)
     values = photo.astype(np.float32)
-    if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < max(3.0, 1.5 * px_per_mm):
+    if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < max(4.0, 2.2 * px_per_mm):
         return MouthLayers(skull, jaw, origin, None, None)
     tooth, colour = _teeth(values, inside, np.asarray(lips, np.float32))
     columns = np.flatnonzero(inside.any(axis=0))
@@ -132,7 +132,7 @@ def _teeth(
     colour = np.median(values[bright], axis=0)
     red = (values[..., 0] + 6) / (values[..., 1] + 6)
     tooth_red, lip_red = float((colour[0] + 6) / (colour[1] + 6)), float((lips[0] + 6) / (lips[1] + 6))
-    if tooth_red > 0.5 * (1.15 + lip_red) or colour @ _LUMINANCE < 0.6 * (lips @ _LUMINANCE):
+    if tooth_red > max(1.08, 1.0 + 0.45 * (lip_red - 1.0)) or colour @ _LUMINANCE < 0.8 * (lips @ _LUMINANCE):
         return np.zeros(inside.shape, bool), None  # tongue, or only the dark
     tooth = inside & (brightness > 0.45 * (colour @ _LUMINANCE)) & (red < 0.5 * (tooth_red + lip_red))
     if tooth.sum() < 6:
