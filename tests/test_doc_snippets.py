@@ -15,7 +15,9 @@ PAGES = [
 @pytest.mark.parametrize("page", [pytest.param(p, id=p.stem) for p in PAGES])
 def test_snippets_run(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    if "open_detector" in page.read_text():
+    if "apps.animate" in page.read_text():
+        pytest.importorskip("av", reason="needs the video extra")
+    if any("portrait.jpg" in snippet for snippet in re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)):
         pytest.importorskip("mediapipe", reason="needs the landmarks extra")
         _prepare_photo(tmp_path)
     names = {}

@@ -11,7 +11,10 @@ from PIL import Image
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*/*.py"))
-SLOW = {"bilinear_modes", "fit_astronaut", "captured_person", "fit_scan"}
+SLOW = {
+    "bilinear_modes", "fit_astronaut", "captured_person", "fit_scan",
+    "edit_astronaut", "transfer_astronaut", "animate_astronaut",
+}  # fmt: skip
 
 
 def load(path):
@@ -28,6 +31,8 @@ def load(path):
 def test_example_runs(path, tmp_path):
     if "landmarks extra" in path.read_text():
         pytest.importorskip("mediapipe", reason="needs the landmarks extra")
+    if "video extra" in path.read_text():
+        pytest.importorskip("av", reason="needs the video extra")
     module = load(path)
     small = {"n_people": 6} if "n_people" in inspect.signature(module.main).parameters else {}
     module.main(tmp_path, **small)
