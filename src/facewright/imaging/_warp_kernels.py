@@ -125,45 +125,57 @@ def compose(field, solid, origin, size, window, step, motion, blend, inner_origi
     weights, first = spline_weights(step)
     out = np.zeros((height, width, 2), np.float32)
     share = np.zeros((height, width), np.float32)
-    row = np.zeros((cols, 3), np.float32)
+    # two more cells on each side, so that no index needs a bound
+    row = np.zeros((cols + 6, 3), np.float32)
+    start = np.zeros(width, np.int64)
+    phase = np.zeros((width, 4), np.float32)
+    for x in range(width):
+        gx = x + origin[0]
+        start[x] = min(max(gx // step - window[1] + first[gx % step], -3), cols - 1) + 3
+        phase[x] = weights[gx % step]
     h, w = blend.shape
+    tiny = least * least
     for y in range(height):
         gy = y + origin[1]
         py = gy % step
         i0 = gy // step - window[0] + first[py]
+        a = weights[py]
+        i = (min(max(i0, 0), rows - 1), min(max(i0 + 1, 0), rows - 1))
+        k = (min(max(i0 + 2, 0), rows - 1), min(max(i0 + 3, 0), rows - 1))
+        moving = False
         for j in range(cols):
-            x0 = np.float32(0)
-            x1 = np.float32(0)
-            x2 = np.float32(0)
-            for k in range(4):
-                i = min(max(i0 + k, 0), rows - 1)
-                x0 += weights[py, k] * field[0, i, j]
-                x1 += weights[py, k] * field[1, i, j]
-                x2 += weights[py, k] * solid[i, j]
-            row[j, 0], row[j, 1], row[j, 2] = x0, x1, x2
+            for c in range(2):
+                value = a[0] * field[c, i[0], j] + a[1] * field[c, i[1], j]
+                value += a[2] * field[c, k[0], j] + a[3] * field[c, k[1], j]
+                row[j + 3, c] = value
+                moving |= value != 0
+            row[j + 3, 2] = (
+                a[0] * solid[i[0], j] + a[1] * solid[i[1], j] + a[2] * solid[k[0], j] + a[3] * solid[k[1], j]
+            )
         v = gy - inner_origin[1]
+        inside = 0 <= v < h
+        if not (moving or inside):
+            continue
+        for c in range(3):
+            row[0, c] = row[1, c] = row[2, c] = row[3, c]
+            row[cols + 3, c] = row[cols + 4, c] = row[cols + 5, c] = row[cols + 2, c]
         for x in range(width):
-            gx = x + origin[0]
-            px = gx % step
-            j0 = gx // step - window[1] + first[px]
-            d0 = np.float32(0)
-            d1 = np.float32(0)
-            d2 = np.float32(0)
-            for k in range(4):
-                j = min(max(j0 + k, 0), cols - 1)
-                d0 += weights[px, k] * row[j, 0]
-                d1 += weights[px, k] * row[j, 1]
-                d2 += weights[px, k] * row[j, 2]
-            u = gx - inner_origin[0]
-            if 0 <= v < h and 0 <= u < w and blend[v, u] > 0:
-                s = d2 * d2 * (np.float32(3) - np.float32(2) * d2) * blend[v, u]
+            j = np.uint64(start[x])
+            p0, p1, p2, p3 = phase[x, 0], phase[x, 1], phase[x, 2], phase[x, 3]
+            d0 = p0 * row[j, 0] + p1 * row[j + 1, 0] + p2 * row[j + 2, 0] + p3 * row[j + 3, 0]
+            d1 = p0 * row[j, 1] + p1 * row[j + 1, 1] + p2 * row[j + 2, 1] + p3 * row[j + 3, 1]
+            u = x + origin[0] - inner_origin[0]
+            if inside and 0 <= u < w and blend[v, u] > 0:
+                s = p0 * row[j, 2] + p1 * row[j + 1, 2] + p2 * row[j + 2, 2] + p3 * row[j + 3, 2]
+                s = s * s * (np.float32(3) - np.float32(2) * s) * blend[v, u]
                 d0 += s * (motion[v, u, 0] - d0)
                 d1 += s * (motion[v, u, 1] - d1)
                 share[y, x] = s
             size2 = d0 * d0 + d1 * d1
-            if size2 > least * least:
-                length = np.sqrt(size2)
-                scale = min(np.float32(1), (length - least) / (np.float32(2) * least))
+            if size2 > tiny:
+                scale = np.float32(1)
+                if size2 < np.float32(9) * tiny:
+                    scale = (np.sqrt(size2) - least) / (np.float32(2) * least)
                 out[y, x, 0] = d0 * scale
                 out[y, x, 1] = d1 * scale
     return out, share
@@ -267,3 +279,19 @@ def soften_breaks(image, touched, displacement, breaks, offset, jump):  # type: 
                     )
                     total += row * (2 if k == 1 else 1)
                 image[y, x, c] = np.uint8((total + 8) // 16)
+
+
+@njit(cache=True, nogil=True)
+def places(displacement, origin):  # type: ignore[no-untyped-def]
+    """Return where the pixels of a part at `origin` are looked up, x and y (h, w), and which do not stay (h, w)."""
+    height, width = displacement.shape[:2]
+    to_x = np.empty((height, width), np.float32)
+    to_y = np.empty((height, width), np.float32)
+    moved = np.empty((height, width), np.bool_)
+    for y in range(height):
+        for x in range(width):
+            dx, dy = displacement[y, x, 0], displacement[y, x, 1]
+            to_x[y, x] = np.float32(x + origin[0]) + dx
+            to_y[y, x] = np.float32(y + origin[1]) + dy
+            moved[y, x] = dx != 0 or dy != 0
+    return to_x, to_y, moved

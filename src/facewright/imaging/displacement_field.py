@@ -26,7 +26,7 @@ _NECK = 0.24  # the neck's length as a share of the head: its base stays
 _FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
 _FAR = 0.08  # a silhouette that slides farther, as a share of the head, tells less
 _BAND = 0.04  # so near the picture's border, as a share of the head, skin says less
-_LEAST = 0.012  # pixels: smaller displacements are none
+_LEAST = 0.03  # pixels: smaller displacements are none
 
 
 @dataclass(frozen=True, eq=False)

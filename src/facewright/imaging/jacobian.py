@@ -69,9 +69,13 @@ def untangle(
 
 def _smooth(displacement: NDArray[np.float32], bad: NDArray[np.bool_], reach: int) -> None:
     """Replace the displacement near bad pixels by a local mean, in place."""
-    for part in ndimage.find_objects(ndimage.label(ndimage.binary_dilation(bad, iterations=2 * reach))[0]):
-        rows = slice(max(part[0].start - 2 * reach, 0), part[0].stop + 2 * reach)
-        cols = slice(max(part[1].start - 2 * reach, 0), part[1].stop + 2 * reach)
+    block = max(4, 2 * reach)
+    high, wide = -(-bad.shape[0] // block), -(-bad.shape[1] // block)
+    y, x = np.nonzero(bad)
+    coarse = np.zeros((high, wide), np.bool_)
+    coarse[y // block, x // block] = True
+    for part in ndimage.find_objects(ndimage.label(coarse, np.ones((3, 3)))[0]):
+        rows, cols = (slice(max(p.start * block - 4 * reach, 0), p.stop * block + 4 * reach) for p in part)
         near = bad[rows, cols].astype(np.float32)
         share = np.clip(3.0 * ndimage.uniform_filter(ndimage.maximum_filter(near, 2 * reach + 1), 2 * reach + 1), 0, 1)
         here = displacement[rows, cols]

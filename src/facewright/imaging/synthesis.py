@@ -14,7 +14,7 @@ from facewright.imaging._warp_kernels import soften_breaks
 from facewright.imaging.displacement_field import HeadField, HeadMap
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.source_surface import SourceSurface
-from facewright.imaging.warp import warp_picture
+from facewright.imaging.warp import warp_part
 from facewright.numeric.check import check_shape
 
 if TYPE_CHECKING:
@@ -103,13 +103,10 @@ class PhotoSynthesiser:
         found = self.field.map_of(target)
         if found is not None:
             (x, y), (h, w) = found.origin, found.displacement.shape[:2]
-            moved = touched[y : y + h, x : x + w]
-            moved |= found.displacement[..., 0] != 0
-            moved |= found.displacement[..., 1] != 0
-            part = warp_picture(self.photo, found.displacement, (x, y))
+            part, moved = warp_part(self.photo, found.displacement, (x, y))
             offset = (found.fragments_origin[0] - x, found.fragments_origin[1] - y)
             soften_breaks(part, moved, found.displacement, found.breaks, offset, np.float32(_JUMP))
-            image[y : y + h, x : x + w] = part
+            image[y : y + h, x : x + w], touched[y : y + h, x : x + w] = part, moved
         if self.inner is not None and (found is not None or gaze is not None):
             self.inner.paint(image, target, gaze, touched)
         return Synthesis(image, 1.0 if found is None else found.smallest_jacobian, found, touched)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.errors import ValueRangeError
+from facewright.imaging._warp_kernels import places
 from facewright.imaging.resample import resample
 from facewright.numeric.check import check_finite, check_shape
 
@@ -42,8 +43,15 @@ def warp_picture(
         raise ValueRangeError(
             f"the part must lie in the photo of {sizes['W']} x {sizes['H']} pixels, got {w} x {h} pixels at ({x}, {y})."
         )
-    result = np.ascontiguousarray(photo[y : y + h, x : x + w]).copy()
-    moved = displacement[..., 0] != 0
-    moved |= displacement[..., 1] != 0
-    columns, rows = np.arange(x, x + w, dtype=np.float32), np.arange(y, y + h, dtype=np.float32)[:, None]
-    return resample(photo, displacement[..., 0] + columns, displacement[..., 1] + rows, where=moved, out=result)
+    return warp_part(photo, np.ascontiguousarray(displacement, dtype=np.float32), origin)[0]
+
+
+def warp_part(
+    photo: NDArray[np.uint8], displacement: NDArray[np.float32], origin: tuple[int, int]
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """Return what `warp_picture` does, without its checks, and which pixels of the part do not stay, (h, w)."""
+    (x, y), (h, w) = origin, displacement.shape[:2]
+    part = np.ascontiguousarray(photo[y : y + h, x : x + w]).copy()
+    to_x, to_y, moved = places(displacement, origin)
+    resample(photo, to_x, to_y, where=moved, out=part)
+    return part, moved
