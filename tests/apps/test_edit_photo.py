@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from facewright.apps.edit_photo import EditRequest, edit_photo, edit_subject, list_attributes
-from facewright.apps.edited_view import edited_view
+from facewright.apps.edited_view import edited_view, teeth_with_lips
 from facewright.apps.photo_subject import open_photo_subject
 from facewright.errors import MissingExtraError, ValueRangeError
 from facewright.evaluation.simulated_edit import simulate_scene
@@ -108,6 +108,25 @@ def test_eyes_stay_where_they_are(subject, editor):
     moved = edited_view(subject, weights).pixels[ids] - subject.source.pixels[ids]
     size = np.linalg.norm(moved, axis=1) / subject.fit.landmarks.interocular_distance()
     assert size[[27, 31, 35, 39]].mean() < 0.04 < 0.1 < size[7]
+
+
+def test_teeth_keep_their_place_between_the_lips(builtin_face, rng):
+    topology, old = builtin_face.topology, builtin_face.mean_shape.astype(float)
+    assert np.abs(teeth_with_lips(old, old, topology) - old).max() < 1e-9
+    new = old.copy()
+    lips = topology.masks["lips"]
+    new[lips] = old[lips] * [1.2, 1.0, 1.0] + [0.0, -5.0, 1.0]  # wider and lower
+    moved = teeth_with_lips(new, old, topology)
+    upper = slice(*topology.parts["teeth_upper"])
+    change = moved[upper] - old[upper]
+    np.testing.assert_allclose(change[:, 1], -5.0, atol=0.3)
+    assert np.ptp(moved[upper, 0]) / np.ptp(old[upper, 0]) == pytest.approx(1.2, abs=0.03)
+    others = np.ones(len(old), dtype=bool)
+    for part in ("teeth_upper", "teeth_lower"):
+        others[slice(*topology.parts[part])] = False
+    np.testing.assert_array_equal(moved[others], new[others])
+    bare = replace(topology, masks={})
+    np.testing.assert_array_equal(teeth_with_lips(new, old, bare), new)
 
 
 def test_files(files, tmp_path, photo, monkeypatch):

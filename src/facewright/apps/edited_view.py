@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 # Points of fw74 that stay where they are as well as a rigid motion can: temples, ears, eye corners, bridge of the nose.
 _ANCHORS = (0, 1, 13, 14, 27, 31, 35, 39, 43)
 
+_WITH_LIPS = ("teeth", "gums_and_tongue")
+_RIDGE_MM = 3.0
+
 
 def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating]) -> MeshView:
     """Return the view of a photo's person with other identity weights: same expression, gaze, camera and place.
@@ -37,8 +40,31 @@ def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating]) -
     rest = np.zeros_like(subject.weights)
     neutral = subject.vertices(identity_weights=identity_weights, weights=rest)
     place = same_place(neutral, subject.rig.neutral, subject.face.topology)
-    vertices = subject.vertices(identity_weights=identity_weights)
+    vertices = teeth_with_lips(
+        subject.vertices(identity_weights=identity_weights), subject.vertices(), subject.face.topology
+    )
     return subject.view(vertices, subject.camera_from_model.after(place))
+
+
+def teeth_with_lips(new: NDArray[np.floating], old: NDArray[np.floating], topology: Topology) -> NDArray[np.float64]:
+    """Return changed vertices (V, 3) whose teeth, gums and tongue move from the old ones as the lips do, affinely.
+
+    Teeth of their own place would show between the same lips a dark gap below them, or gums above, which the photo
+    does not; the expression, and with it what a mouth shows, is not what was asked to change.
+    """
+    result = np.array(new, dtype=np.float64)
+    lips = topology.masks.get("lips")
+    inside = [slice(*span) for name, span in topology.parts.items() if name.startswith(_WITH_LIPS)]
+    if lips is None or not len(lips) or not inside:
+        return result
+    middle, target = old[lips].mean(axis=0), result[lips].mean(axis=0)
+    before, after = old[lips] - middle, result[lips] - target
+    # towards the unchanged shape where the lips, thin as they are, do not tell
+    ridge = _RIDGE_MM**2 * len(lips) * np.eye(3)
+    linear = np.linalg.solve(before.T @ before + ridge, before.T @ after + ridge)
+    for part in inside:
+        result[part] = (old[part] - middle) @ linear + target
+    return result
 
 
 def same_place(new: NDArray[np.floating], old: NDArray[np.floating], topology: Topology) -> RigidMotion:

@@ -17,7 +17,7 @@ from facewright.faces.appearance import Appearance, albedo_function, sample_appe
 from facewright.faces.attribute_editor import AttributeEditor
 from facewright.faces.expressions import random_expression_weights
 from facewright.faces.face import Face
-from facewright.faces.simulate import SimulatedPerson, simulate_person
+from facewright.faces.simulate import SimulatedPerson, simulate_expressions, simulate_neutrals
 from facewright.imaging.rasterise import rasterise
 from facewright.imaging.render import Lights, render_mesh
 from facewright.landmarks.contour import face_region
@@ -43,6 +43,8 @@ class EditScene:
         All parts.
     person : SimulatedPerson
         Who is seen; not in the span of the identity modes.
+    personality : int
+        Seed of the person's blendshapes.
     weights : ndarray of shape (46,)
         The expression.
     intrinsics : Intrinsics
@@ -55,6 +57,7 @@ class EditScene:
 
     face: Face
     person: SimulatedPerson
+    personality: int
     weights: NDArray[np.float64]
     intrinsics: Intrinsics
     camera_from_model: RigidMotion
@@ -63,6 +66,9 @@ class EditScene:
 
     def draw(self, change: NDArray[np.floating] | None = None) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """Render the person, by default as is, else with the neutral changed by (V, 3) mm.
+
+        The changed person's blendshapes are carried over from the generic face to the changed neutral, with the same
+        amplitudes and peculiarities as before.
 
         Returns
         -------
@@ -95,13 +101,12 @@ class EditScene:
         return Landmarks("fw74", exact.points + rng.normal(0.0, noise_px, exact.points.shape))
 
     def _seen(self, change: NDArray[np.floating] | None) -> NDArray[np.float64]:
-        posed = self.person.pose(self.weights).astype(np.float64)
-        motion = self.camera_from_model
+        person, motion = self.person, self.camera_from_model
         if change is not None:
-            posed = posed + change
-            neutral = self.person.neutral.astype(np.float64)
-            motion = motion.after(same_place(neutral + change, neutral, self.face.topology))
-        return motion.apply(posed)
+            neutral = person.neutral.astype(np.float64) + change
+            person = simulate_expressions(self.face, neutral, np.random.default_rng(self.personality))
+            motion = motion.after(same_place(neutral, self.person.neutral, self.face.topology))
+        return motion.apply(person.pose(self.weights).astype(np.float64))
 
     def _region(self, seen: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.bool_]:
         skin = self.face.skin()
@@ -120,7 +125,9 @@ def simulate_scene(face: Face, rng: np.random.Generator) -> EditScene:
 
     Yaw within 20, pitch within 10, roll within 8 degrees; the head takes up 55 to 75 % of the picture's height.
     """
-    person = simulate_person(face, rng)
+    personality = int(rng.integers(2**31))
+    neutral = simulate_neutrals(face, 1, rng)[0]
+    person = simulate_expressions(face, neutral, np.random.default_rng(personality))
     weights = random_expression_weights(rng, 1)[0]
     height = IMAGE_SIZE[0]
     distance = float(np.exp(rng.uniform(*np.log(DISTANCE_MM))))
@@ -132,6 +139,7 @@ def simulate_scene(face: Face, rng: np.random.Generator) -> EditScene:
     return EditScene(
         face,
         person,
+        personality,
         weights,
         Intrinsics.for_image(IMAGE_SIZE, focal),
         RigidMotion(rotation, np.array([*shift, distance]) - rotation @ middle),

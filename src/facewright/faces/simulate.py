@@ -106,6 +106,18 @@ def simulate_person(face: Face, rng: np.random.Generator) -> SimulatedPerson:
     return simulator.person(simulator.neutrals(1, rng)[0], rng)
 
 
+def simulate_expressions(face: Face, neutral: NDArray[np.floating], rng: np.random.Generator) -> SimulatedPerson:
+    """Give a neutral (V, 3) 46 personal blendshapes as `simulate_person` does; equal `rng`, equal personality.
+
+    Raises
+    ------
+    ShapeError
+        If `neutral` is not of the face's topology.
+    """
+    check_shape("neutral", neutral, face.topology.n_vertices, 3)
+    return _simulator(face).person(np.asarray(neutral, dtype=np.float32), rng)
+
+
 def simulate_population(
     face: Face,
     n: int,
