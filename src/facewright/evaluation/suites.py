@@ -11,7 +11,7 @@ from facewright.numeric.check import check_choice
 
 Progress = Callable[[str, int, int], None]
 
-SUITES = ("transfer", "rigging", "bilinear", "photo", "fusion", "scan", "registration", "subject", "scale", "edit")
+SUITES = ("transfer", "rigging", "bilinear", "photo", "fusion", "scan", "registration", "subject", "scale", "edit", "retarget")
 
 # For the ICT face on two cores: metric -> ("<=", ">=", "<" or ">", number or another metric). What the papers and the
 # best tools reach, or what a user needs; a suite without an entry here has baselines instead.
@@ -40,6 +40,7 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
         "landmarks_iod": ("<=", 0.03),
         "psnr_db_150_identities": (">", "psnr_db_15_identities"),
     },
+    "retarget": {"fps": (">=", 15.0), "coefficient_mae": ("<", "neutral_mae")},
 }
 
 
