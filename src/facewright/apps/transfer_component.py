@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from facewright.apps.photo_subject import PhotoSubject
     from facewright.faces.face import Face
     from facewright.fitting.image import PhotoFit
+    from facewright.imaging.synthesis import PhotoSynthesiser
     from facewright.models.bilinear import BilinearModel
 
 Progress = Callable[[str, int, int], None]
@@ -247,7 +248,7 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
         raise TopologyError("target and reference must be fitted with models of one face, got two.")
     level = component_level(face, component)
     view, weights = _new_view(target, reference, component, level)
-    warped = target.synthesiser.draw(view)
+    warped = _expression_flow(target, component).draw(view)
     box = _box(face, view, target.photo.shape[:2])
     there = _box(face, reference.source, reference.photo.shape[:2])
     pixels = SkinPixels.of(face, _within(view, box), _size(box))
@@ -267,6 +268,15 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
     shown[box] = aligned.image
     remarks = _remarks(component, blend.seen_share, aligned.shrinking, target, reference)
     return Transfer(image, warped.touched | mask, mask, warped.image, shown, weights, remarks)
+
+
+def _expression_flow(target: PhotoSubject, component: str) -> PhotoSynthesiser:
+    """Return what warps the target: without inner mouth and eyes where they come from the reference."""
+    from facewright.imaging.synthesis import PhotoSynthesiser
+
+    if component in ("brows", "nose"):
+        return target.synthesiser
+    return PhotoSynthesiser(target.photo, target.source, target.face)
 
 
 def _new_view(
