@@ -1,0 +1,274 @@
+"""The retarget suite: rendered clips of unseen people whose every coefficient is known, tracked from their pictures."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.errors import ValueRangeError
+from facewright.evaluation.bilinear_transfer import bilinear_expression, transfer_errors
+from facewright.evaluation.performance_error import (
+    SHAPE_GROUPS,
+    coefficient_errors,
+    head_jitter,
+    jitter,
+    lip_gaps,
+    pose_degrees,
+)
+from facewright.evaluation.simulated_video import FRAMES_PER_SECOND, IMAGE_SIZE, SimulatedVideo, simulate_video
+from facewright.faces.face import Face
+from facewright.faces.simulate import SimulatedPerson, simulate_person
+from facewright.fitting.video import VideoFit, VideoFitter
+from facewright.landmarks.contour import face_region
+from facewright.landmarks.track import LandmarkTrack
+from facewright.landmarks.video_detector import VideoDetector
+from facewright.models.bilinear import BilinearModel
+from facewright.numeric.similarity import estimate_similarity
+
+Progress = Callable[[str, int, int], None]
+
+N_PEOPLE, N_IDENTITY, N_EXPRESSION = 150, 50, 47
+#: Lips nearer than this are closed; an estimate has them closed below twice as much.
+_CLOSED_MM = 1.0
+#: Every so many frames are carried to another person.
+_TRANSFER_STEP = 5
+
+
+def run(
+    face: Face,
+    seed: int,
+    progress: Progress | None = None,
+    *,
+    subjects: int = 3,
+    seconds: float = 10.0,
+    model: BilinearModel | None = None,
+) -> dict[str, float]:
+    """Measure tracking and retargeting.
+
+    Parameters
+    ----------
+    face : Face
+        With all its parts; the model is of its skin.
+    seed : int
+        Of the population, the unseen people, performances and noise.
+    progress : callable, optional
+        Called with stage, done, total.
+    subjects : int
+        Clips, each of another unseen person; every other one begins in the middle of an expression.
+    seconds : float
+        Length of the clips, 640 x 480 at 25 frames a second.
+    model : BilinearModel, optional
+        Built from 150 other simulated people, 50 x 47, where absent.
+
+    Returns
+    -------
+    dict of str to float
+        What `coefficient_errors` says; ``recall_lips_closed``, the share of frames with the jaw open and the lips
+        closed whose estimate, on the estimated person, closes them too, and ``precision_lips_closed``; ``pose_deg``;
+        ``jitter_rest`` and ``jitter_motion``, mean absolute second differences of the coefficients while head and face
+        are still and while they move, and ``truth_jitter_motion`` (at rest truth has none); ``head_jitter_rest``,
+        ``head_jitter_motion``, ``truth_head_jitter_motion``, degrees per frame squared;
+        ``identity_drift_mm``, RMS between the neutrals found from the two halves of a clip, and ``identity_mm``, of the
+        neutral to the person's own, both after the best similarity, with ``mean_face_identity_mm``; ``tracked``;
+        ``landmark_residual_iod``; ``blendshape_transfer_mm``, ``bilinear_transfer_mm`` and ``neutral_transfer_mm``
+        (Fig. 14): RMS error of another person's motion driven by the coefficients, by w_exp, and not at all;
+        ``detect_ms``, ``fit_ms`` of one core a frame; ``track_fps``; and ``fps``, end to end onto a photo.
+    """
+    if subjects < 1:
+        raise ValueRangeError(f"subjects must be at least 1, got {subjects}.")
+    skin = face.skin()
+    if model is None:
+        model = _build_model(skin, seed, progress)
+    fitter = VideoFitter(model)
+    figures = _Figures(face, fitter)
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(subjects):
+            clip = simulate_video(face, np.random.default_rng((seed, 2, k)), seconds, rest_first=k % 2 == 0)
+            kept = Path(folder) / "clip.mp4" if k == 0 else None
+            track, detect_s = _track(clip, kept, progress, f"drawing clip {k + 1} of {subjects}")
+            other = simulate_person(face, np.random.default_rng((seed, 3, k)))
+            figures.add(clip, track, detect_s, other)
+        metrics = figures.metrics()
+        fps = _frames_per_second(Path(folder), model, progress)
+    return metrics if fps is None else metrics | {"fps": fps}
+
+
+def _track(
+    clip: SimulatedVideo, kept: Path | None, progress: Progress | None, stage: str
+) -> tuple[LandmarkTrack, float]:
+    """Draw a clip and find its points; returns the detector's processor time too. Optionally keeps the video."""
+    from contextlib import ExitStack
+
+    from facewright.io.video_writer import FrameClock, VideoWriter
+
+    found, seconds = [], 0.0
+    with ExitStack() as stack:
+        detector = stack.enter_context(VideoDetector())
+        writer = None
+        if kept is not None:
+            clock = FrameClock(clip.performance.times, Fraction(FRAMES_PER_SECOND))
+            writer = stack.enter_context(VideoWriter(kept, IMAGE_SIZE[1], IMAGE_SIZE[0], clock))
+        for k, image in enumerate(clip.images()):
+            start = time.process_time()
+            found.append(detector.detect(image))
+            seconds += time.process_time() - start
+            if writer is not None:
+                writer.write(image)
+            if progress is not None:
+                progress(stage, k + 1, clip.n_frames)
+    track = LandmarkTrack.of(
+        clip.performance.times, [each.points for each in found], IMAGE_SIZE, [each.cut for each in found]
+    )
+    return track, seconds
+
+
+@dataclass
+class _Figures:
+    """What is measured on each clip."""
+
+    face: Face
+    fitter: VideoFitter
+    found: list[NDArray[np.float64]] = field(default_factory=list)
+    truth: list[NDArray[np.float64]] = field(default_factory=list)
+    frames: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
+    clips: dict[str, list[float]] = field(default_factory=dict)
+    gaps: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def add(self, clip: SimulatedVideo, track: LandmarkTrack, detect_s: float, other: SimulatedPerson) -> None:
+        """Fit a clip and measure."""
+        start = time.process_time()
+        fit = self.fitter.fit(track)
+        fit_s = time.process_time() - start
+        ours, true = fit.performance, clip.performance
+        self.found.append(ours.weights)
+        self.truth.append(true.weights)
+        everywhere = np.ones(track.n_frames, bool)
+        moving = ~clip.rest
+        for name, values in {
+            "pose_deg": pose_degrees(ours, true),
+            "jitter_rest": jitter(ours.weights, clip.rest),
+            "jitter_motion": jitter(ours.weights, moving),
+            "truth_jitter_motion": jitter(true.weights, moving),
+            "head_jitter_rest": head_jitter(ours.rotations, clip.rest),
+            "head_jitter_motion": head_jitter(ours.rotations, moving),
+            "truth_head_jitter_motion": head_jitter(true.rotations, moving),
+            "landmark_residual_iod": fit.residuals_iod[track.tracked],
+            "tracked": track.tracked[everywhere].astype(float),
+            "detect_ms": np.full(track.n_frames, 1e3 * detect_s / track.n_frames),
+            "fit_ms": np.full(track.n_frames, 1e3 * fit_s / track.n_frames),
+        }.items():
+            self.frames.setdefault(name, []).append(values)
+        self._identity(clip, track, fit)
+        self._lips(clip, fit)
+        self._transfer(clip, track, fit, other)
+
+    def _identity(self, clip: SimulatedVideo, track: LandmarkTrack, fit: VideoFit) -> None:
+        model = self.fitter.model
+        skin = self.face.skin()
+        region = face_region(skin.topology, skin.mean_shape)
+        half = track.n_frames // 2
+        neutrals = [
+            self.fitter.identity(track.part(part)).rig.neutral[region]
+            for part in (slice(0, half), slice(half, track.n_frames))
+        ]
+        truth = clip.person.neutral[region]
+        for name, (a, b) in {
+            "identity_drift_mm": (neutrals[0], neutrals[1]),
+            "identity_mm": (fit.identity.rig.neutral[region], truth),
+            "mean_face_identity_mm": (model.mean_face[region], truth),
+        }.items():
+            moved = estimate_similarity(a.astype(np.float64), b.astype(np.float64)).apply(a.astype(np.float64))
+            self.clips.setdefault(name, []).append(float(np.sqrt(((moved - b) ** 2).sum(axis=1).mean())))
+
+    def _lips(self, clip: SimulatedVideo, fit: VideoFit) -> None:
+        masks = self.fitter.model.topology.masks
+        if "lip_contact_upper" not in masks:
+            return
+        upper, lower = masks["lip_contact_upper"], masks["lip_contact_lower"]
+        ids = np.concatenate([upper, lower])
+        pairs = np.arange(len(upper)), len(upper) + np.arange(len(lower))
+        rig = fit.identity.rig
+        ours = rig.neutral[ids] + np.tensordot(fit.performance.weights, rig.deltas[:, ids], 1)
+        weights = clip.performance.weights
+        true = clip.person.neutral[ids] + np.tensordot(weights, clip.person.deltas[:, ids], 1)
+        jaw = weights[:, clip.performance.names.index("jawOpen")]
+        self.gaps.append(np.stack([lip_gaps(ours, pairs), lip_gaps(true, pairs), jaw], axis=1))
+
+    def _transfer(self, clip: SimulatedVideo, track: LandmarkTrack, fit: VideoFit, other: SimulatedPerson) -> None:
+        model = self.fitter.model
+        skin = self.face.skin()
+        n = model.n_vertices  # of the skin, or of all parts
+        rows = np.flatnonzero(track.tracked)[::_TRANSFER_STEP]
+        w_exp = np.array([bilinear_expression(self.fitter, track, fit, int(row)) for row in rows])
+        w_id, _ = model.project(other.neutral[:n], noise_mm=0.5)
+        truth = np.tensordot(clip.performance.weights[rows], other.deltas[:, :n], 1)
+        region = face_region(skin.topology, skin.mean_shape)
+        errors = transfer_errors(model, w_id, fit.performance.weights[rows], w_exp, truth, region)
+        names = ("blendshape_transfer_mm", "bilinear_transfer_mm", "neutral_transfer_mm")
+        for name, error in zip(names, errors, strict=True):
+            self.clips.setdefault(name, []).append(error)
+
+    def metrics(self) -> dict[str, float]:
+        """Return the means over all frames and clips."""
+        names = self.fitter.dense.names
+        result = coefficient_errors(np.concatenate(self.found), np.concatenate(self.truth), names)
+        if self.gaps:
+            ours, true, jaw = np.concatenate(self.gaps).T
+            sealed, claimed = (true < _CLOSED_MM) & (jaw > 0.1), (ours < 2.0 * _CLOSED_MM) & (jaw > 0.1)
+            if sealed.any():
+                result["recall_lips_closed"] = float((ours[sealed] < 2.0 * _CLOSED_MM).mean())
+            if claimed.any():
+                result["precision_lips_closed"] = float((true[claimed] < 3.0 * _CLOSED_MM).mean())
+        values = {name: np.concatenate(parts) for name, parts in self.frames.items()}
+        result |= {name: float(np.mean(part)) for name, part in values.items() if len(part)}
+        result |= {name: float(np.mean(part)) for name, part in self.clips.items()}
+        result["track_fps"] = 1e3 / (result["detect_ms"] + result["fit_ms"])
+        return result
+
+
+def _frames_per_second(folder: Path, model: BilinearModel, progress: Progress | None) -> float | None:
+    """Retarget the first clip onto scikit-image's astronaut from end to end; None where a part is not installed."""
+    from facewright.apps.animate import PhotoChoice
+    from facewright.apps.retarget import RetargetRequest, retarget
+    from facewright.apps.track_video import VideoChoice
+    from facewright.models.bilinear_store import save_bilinear
+
+    try:
+        from skimage import data
+    except ImportError:
+        return None
+    from PIL import Image
+
+    photo, stored = folder / "photo.png", folder / "model.fwbm"
+    Image.fromarray(data.astronaut()).save(photo)
+    save_bilinear(model, stored)
+    request = RetargetRequest(
+        VideoChoice(folder / "clip.mp4"), PhotoChoice(photo, model=stored), folder / "retargeted.mp4"
+    )
+    return float(retarget(request, progress).numbers["fps"])
+
+
+def _build_model(skin: Face, seed: int, progress: Progress | None) -> BilinearModel:
+    from facewright.faces.simulate import simulate_population
+    from facewright.models.bilinear import fit_bilinear
+
+    tensor = simulate_population(skin, N_PEOPLE, np.random.default_rng((seed, 0)), progress)
+    return fit_bilinear(
+        tensor,
+        N_IDENTITY,
+        N_EXPRESSION,
+        topology=skin.topology,
+        expression_names=("neutral", *skin.blendshape_names),
+        provenance={"face": skin.name},
+        progress=progress,
+    )
+
+
+__all__ = ["SHAPE_GROUPS", "run"]
