@@ -12,6 +12,7 @@ from facewright.apps.landmark_video import frame_rate_of
 from facewright.apps.performance_files import write_performance_csv
 from facewright.apps.photo_motion import MotionOptions, carry_to_photo
 from facewright.apps.track_video import VideoChoice, model_or_default, track
+from facewright.io.video_reader import VideoReader
 from facewright.io.video_writer import FrameClock, check_video_path
 from facewright.io.work_folder import WorkFolder
 
@@ -80,9 +81,11 @@ def retarget(request: RetargetRequest, progress: Progress | None = None) -> Clip
     FacewrightError
         Of the video, the photo, the model or the files; one sentence each.
     """
+    with VideoReader(request.actor.video):
+        pass  # a file that is no video is told at once
     with WorkFolder(request.out) as work:
         model = model_or_default(request.choice.model, progress)
-        subject = subject_for_video(request.choice, progress)  # first: a photo that cannot be used is told at once
+        subject = subject_for_video(request.choice, progress)  # so is a photo that cannot be used
         subject.synthesiser  # noqa: B018  built before the clock starts
         began = time.perf_counter()
         tracked = track(work, request.actor, model, progress)

@@ -18,6 +18,7 @@ from facewright.apps.untracked_frames import fill_untracked, gaps_sentence
 from facewright.camera.rotation import head_angles_from_rotation
 from facewright.errors import NoFaceError, ValueRangeError
 from facewright.io.atomic import write_atomically
+from facewright.io.video_reader import VideoReader
 from facewright.io.work_folder import WorkFolder, file_identity
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ def track_video(request: TrackVideoRequest, progress: Progress | None = None) ->
     FacewrightError
         Of the video, the model or the files; one sentence each.
     """
+    with VideoReader(request.choice.video):
+        pass  # a file that is no video is told at once
     with WorkFolder(request.out) as work:
         model = model_or_default(request.model, progress)
         tracked = track(work, request.choice, model, progress)

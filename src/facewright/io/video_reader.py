@@ -225,7 +225,9 @@ def import_av() -> Any:
         import av
     except ImportError as error:
         raise MissingExtraError('Videos need PyAV: pip install "facewright[video]".') from error
-    av.logging.set_level(av.logging.PANIC)  # what goes wrong is said by us, in one sentence
+    # Silent: what goes wrong is said by us. Any level would call Python from FFmpeg's threads, which then wait for the
+    # interpreter while it waits for them: a deadlock as soon as a decoder is freed.
+    av.logging.set_level(None)
     return av
 
 
