@@ -133,7 +133,7 @@ def simulate_scene(face: Face, rng: np.random.Generator) -> EditScene:
     distance = float(np.exp(rng.uniform(*np.log(DISTANCE_MM))))
     focal = float(rng.uniform(*HEAD_SHARE)) * height / _HEAD_MM * distance
     rotation = rotation_from_head_angles(*(rng.uniform(-1.0, 1.0, 3) * POSE).tolist())
-    middle = np.array([0.0, -10.0, 40.0])
+    middle = np.array([0.0, 10.0, 40.0])  # of the head with its neck
     shift = rng.uniform(-0.05, 0.05, 2) * height / focal * distance
     look = sample_appearance(rng)
     return EditScene(
