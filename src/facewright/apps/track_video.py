@@ -6,7 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from facewright.apps.landmark_video import LandmarkVideo, find_video_landmarks
 from facewright.apps.performance_files import write_performance_csv
+from facewright.apps.track_gaze import track_gaze
 from facewright.apps.untracked_frames import fill_untracked, gaps_sentence
 from facewright.camera.rotation import head_angles_from_rotation
 from facewright.errors import NoFaceError, ValueRangeError
@@ -160,8 +161,9 @@ def track(
     if not video.track.tracked.any():
         raise NoFaceError(f"{choice.video} must show a face, none was found in any of its {T} frames.")
     fit = VideoFitter(model).fit(video.track, progress=progress)
+    acted = replace(fit.performance, gaze=track_gaze(fit, video.track))
+    performance, gaps = fill_untracked(acted, video.track.cuts)
     fitted = time.perf_counter()
-    performance, gaps = fill_untracked(fit.performance, video.track.cuts)
     notes = list(video.notes)
     if video.info.quarter_turns:
         notes.append(f"{choice.video.name} is turned upright by {90 * video.info.quarter_turns} degrees, as it asks.")
