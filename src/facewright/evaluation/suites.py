@@ -11,7 +11,20 @@ from facewright.numeric.check import check_choice
 
 Progress = Callable[[str, int, int], None]
 
-SUITES = ("transfer", "rigging", "bilinear", "photo", "fusion", "scan", "registration", "subject", "scale", "edit", "retarget")
+SUITES = (
+    "transfer",
+    "rigging",
+    "bilinear",
+    "photo",
+    "fusion",
+    "scan",
+    "registration",
+    "subject",
+    "scale",
+    "edit",
+    "component",
+    "retarget",
+)
 
 # For the ICT face on two cores: metric -> ("<=", ">=", "<" or ">", number or another metric). What the papers and the
 # best tools reach, or what a user needs; a suite without an entry here has baselines instead.
@@ -39,6 +52,11 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
         "ssim": (">", "tps_ssim"),
         "landmarks_iod": ("<=", 0.03),
         "psnr_db_150_identities": (">", "psnr_db_15_identities"),
+    },
+    "component": {
+        "psnr_db": (">", "paste_psnr_db"),
+        "ssim": (">", "paste_ssim"),
+        "asymmetric_psnr_db_150x47": (">", "asymmetric_psnr_db_15x10"),
     },
     "retarget": {"fps": (">=", 15.0), "coefficient_mae": ("<", "neutral_mae")},
 }
