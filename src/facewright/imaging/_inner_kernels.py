@@ -86,8 +86,8 @@ def _look_up_layer(layer, x, y, terms, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def compose(  # type: ignore[no-untyped-def]
     image, touched, x0, y0, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
-    skin, skin_picture, grain, origin_x, origin_y, lash_colour,
-    eye_picture, eye_x, eye_y, shadow, shadow_mm,
+    skin, skin_picture, origin_x, origin_y, shadow, shadow_mm,
+    grain, lash_colour, eye_picture, eye_x, eye_y,
     mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
     skull, skull_map, jaw, jaw_map, encode,
 ):  # fmt: skip
@@ -101,8 +101,8 @@ def compose(  # type: ignore[no-untyped-def]
         for px in range(columns):
             _compose_pixel(
                 image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
-                skin, skin_picture, grain, origin_x, origin_y, lash_colour,
-                eye_picture, eye_x, eye_y, shadow, shadow_mm,
+                skin, skin_picture, origin_x, origin_y, shadow, shadow_mm,
+                grain, lash_colour, eye_picture, eye_x, eye_y,
                 mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
                 skull, skull_map, jaw, jaw_map, encode, scratch,
             )  # fmt: skip
@@ -111,8 +111,8 @@ def compose(  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _compose_pixel(  # type: ignore[no-untyped-def]
     image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
-    skin, skin_picture, grain, origin_x, origin_y, lash_colour,
-    eye_picture, eye_x, eye_y, shadow, shadow_mm,
+    skin, skin_picture, origin_x, origin_y, shadow, shadow_mm,
+    grain, lash_colour, eye_picture, eye_x, eye_y,
     mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
     skull, skull_map, jaw, jaw_map, encode, scratch,
 ):  # fmt: skip

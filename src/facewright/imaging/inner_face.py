@@ -2,65 +2,94 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from facewright.faces.face import Face
 from facewright.faces.rigid_motion import rigid_vertices
 from facewright.imaging._inner_kernels import N_MOUTH_COLUMNS, N_SKIN_COLUMNS, compose, upper_edges
-from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
-from facewright.imaging.eye_layer import IRIS_MM, LID_SHADOW, LID_SHADOW_MM, EyeLayer, eye_layer
+from facewright.imaging.colour import srgb_from_linear
+from facewright.imaging.eye_layer import LID_SHADOW, LID_SHADOW_MM
 from facewright.imaging.inner_parts import (
     EYE,
-    LOWER_TOOTH,
     SIDES,
     SKIN,
-    UPPER_TOOTH,
+    SOCKET,
     Opening,
     eyeball,
+    openings,
     rigid_motion,
     sphere_centre,
     turn_of_gaze,
-    openings,
-    paint_map,
 )
-from facewright.imaging.lid_skin import LidSkin, lid_skin, unit_normals
+from facewright.imaging.inner_sources import (
+    EyeSource,
+    MouthSource,
+    OpeningSource,
+    box_round,
+    eye_source,
+    mouth_source,
+    px_per_mm,
+)
+from facewright.imaging.lid_skin import unit_normals
 from facewright.imaging.mesh_view import MeshView
-from facewright.imaging.mouth_layer import MouthLayers, mouth_layers, trim_lips
 from facewright.imaging.photo_light import PhotoLight, estimate_light
-from facewright.imaging.rasterise import Fragments, rasterise
-from facewright.imaging.skin_layer import skin_layer
+from facewright.imaging.rasterise import rasterise
 from facewright.numeric.check import check_shape
 
-#: sRGB of teeth, gums and tongue, and of the mouth's walls, in white light.
-_TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.50, 0.18, 0.17)
-_TEETH_BEHIND_LIPS_MM = 6.0
 _TOUCH_MM = 0.9
-_TOOTH_OF_SCLERA = np.array([1.0, 0.97, 0.86])
 #: Motion of an opening against itself, mm: below the first the plain warp of the photo is right.
 _MOTION_MM = (0.25, 1.0)
 _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
-_NO_LAYER = np.zeros((0, 0, 5), np.float32)
-_NO_PICTURE = np.zeros((2, 2, 3), np.float32)
+#: Shadow of the upper lip on teeth and tongue: its depth, and how fast it fades downwards.
+_LIP_SHADOW, _LIP_SHADOW_MM = 0.28, 1.5
+_FINE_BELOW = 45  # pixels: of openings smaller than this, more samples are taken
+_compose: Callable[..., None] = compose
 
 
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """What depends on the photo only, of one opening."""
+class _EyeLook(NamedTuple):
+    """What the kernel takes of an eye, in its order."""
 
-    opening: Opening
-    pixels: NDArray[np.float64]  # (M, 2) in the photo
-    skin_picture: NDArray[np.float32]
-    grain: NDArray[np.float32]  # the photo's fine texture, about 0
-    origin: tuple[int, int]
-    lid: LidSkin | None = None
-    eye: EyeLayer | None = None
-    layers: MouthLayers | None = None
-    mouth: NDArray[np.float32] | None = None  # (M, N_MOUTH_COLUMNS) but for the light
-    rows: tuple[NDArray[np.intp], NDArray[np.intp]] | None = None  # foremost upper and lower teeth
+    grain: NDArray[np.float32]
+    lash_colour: NDArray[np.float32]
+    picture: NDArray[np.float32]
+    x: np.float32
+    y: np.float32
+
+
+class _MouthLook(NamedTuple):
+    """What the kernel takes of a mouth, in its order."""
+
+    columns: NDArray[np.float32]
+    flesh: NDArray[np.float32]
+    tooth: NDArray[np.float32]
+    wall: NDArray[np.float32]
+    depth_mm: np.float32
+    skull: NDArray[np.float32]
+    skull_map: NDArray[np.float64]
+    jaw: NDArray[np.float32]
+    jaw_map: NDArray[np.float64]
+
+
+_ZERO = np.float32(0)
+_NO_EYE = _EyeLook(
+    np.zeros((2, 2, 3), np.float32), np.zeros(5, np.float32), np.zeros((2, 2, 3), np.float32), _ZERO, _ZERO
+)
+_NO_LAYER, _NO_MAP, _NO_COLOUR = np.zeros((0, 0, 5), np.float32), np.zeros((8, 2)), np.zeros(3, np.float32)
+_NO_MOUTH = _MouthLook(
+    np.zeros((1, N_MOUTH_COLUMNS), np.float32),
+    _NO_COLOUR,
+    _NO_COLOUR,
+    _NO_COLOUR,
+    np.float32(1),
+    _NO_LAYER,
+    _NO_MAP,
+    _NO_LAYER,
+    _NO_MAP,
+)
 
 
 class InnerFace:
@@ -100,8 +129,9 @@ class InnerFace:
         self._gaze = None if gaze is None else np.asarray(gaze, np.float64)
         self._size = photo.shape[:2]
         mouth, *eyes = openings(face)
-        self._eyes = [self._prepare_eye(photo, eye) for eye in eyes]
-        self._mouth = self._prepare_mouth(photo, mouth)
+        prepared = [eye_source(photo, source, face, light, eye) for eye in eyes]
+        self._eyes = [eye for eye in prepared if eye is not None]
+        self._mouth = mouth_source(photo, source, face, light, mouth, self._eyes)
 
     @classmethod
     def of(
@@ -139,224 +169,102 @@ class InnerFace:
         sizes = check_shape("image", image, *self._size, 3)
         check_shape("target.pixels", target.pixels, self.face.topology.n_vertices, 2, **sizes)
         marks = np.zeros(self._size, np.bool_) if touched is None else touched
-        for k, prepared in enumerate(self._eyes):
-            self._paint_eye(image, marks, prepared, target, None if gaze is None else np.asarray(gaze)[k])
-        self._paint_mouth(image, marks, self._mouth, target)
-
-    # ---- preparation
-
-    def _look(self, opening: Opening, margin_mm: float) -> tuple[tuple[int, int, int, int], Fragments, float]:
-        """Return the box round an opening in the photo, what its pixels see of it, and pixels per millimetre."""
-        pixels = self.source.pixels[opening.vertices]
-        scale = _px_per_mm(self.source, opening)
-        box = _box(pixels[opening.rim], margin_mm * scale + 3, self._size)
-        x0, y0, x1, y1 = box
-        fragments = rasterise(
-            pixels - (x0, y0),
-            self.source.depth[opening.vertices],
-            opening.faces,
-            (y1 - y0, x1 - x0),
-            perspective=self.source.perspective,
-        )
-        return box, fragments, scale
-
-    def _prepare_eye(self, photo: NDArray[np.uint8], opening: Opening) -> _Prepared:
-        (x0, y0, x1, y1), fragments, scale = self._look(opening, 8.0)
-        crop = photo[y0:y1, x0:x1]
-        kinds = np.where(fragments.covered, opening.kinds[fragments.face_index], SKIN)
-        inside = kinds > SKIN
-        # no more than the very edge: lashes differ from skin, and shall stay
-        edge = max(1.0, 0.3 * scale)
-        picture = skin_layer(crop, inside, inset_px=edge, doubt_px=edge)
-        edges = upper_edges(fragments.face_index, opening.kinds, EYE)[0]
-        rows = np.arange(inside.shape[0])[:, None]
-        below = np.where(edges >= 0, (rows - edges) / scale, 0.0)
-        iris = self.face.topology.masks[f"iris_{opening.name}"]
-        centre = self.source.pixels[iris].mean(axis=0) - (x0, y0)
-        white = self.light.irradiance(np.array([[0.0, 0.0, -1.0]]))[0]
-        layer = eye_layer(crop, (x0, y0), kinds == EYE, below, np.array([*centre, IRIS_MM * scale]), scale, white)
-        lid = lid_skin(photo, self.source, self.face, opening)
-        return _Prepared(
-            opening, self.source.pixels[opening.vertices], picture, _fine(crop, scale), (x0, y0), lid, layer
-        )
-
-    def _prepare_mouth(self, photo: NDArray[np.uint8], opening: Opening) -> _Prepared:
-        (x0, y0, x1, y1), fragments, scale = self._look(opening, 10.0)
-        crop = photo[y0:y1, x0:x1]
-        kinds = np.where(fragments.covered, opening.kinds[fragments.face_index], SKIN)
-        lips = self._lips(opening, fragments)
-        colour = np.median(crop[lips & (kinds == SKIN)].astype(np.float64), axis=0) if lips.any() else np.full(3, 128.0)
-        inside = trim_lips(crop, kinds > SKIN, colour, round(3.0 * scale))
-        picture = skin_layer(
-            crop,
-            inside | self._seam(opening, fragments, scale),
-            inset_px=max(1.0, 0.4 * scale),
-            doubt_px=max(2.0, 2.0 * scale),
-            wanted=lips,
-        )
-        white = self.light.irradiance(np.array([[0.0, 0.0, -1.0]]))[0]
-        gum = 0.5 * colour + 0.5 * 255.0 * srgb_from_linear(0.9 * white * linear_from_srgb(np.array(_FLESH)))
-        layers = mouth_layers(crop, (x0, y0), inside, colour, self._incisal(opening, (x0, y0, x1, y1)), scale, gum)
-        self._prepare_colours(layers)
-        rows = tuple(
-            np.intersect1d(opening.probes, opening.faces[opening.kinds == kind]) for kind in (UPPER_TOOTH, LOWER_TOOTH)
-        )
-        return _Prepared(
-            opening,
-            self.source.pixels[opening.vertices],
-            picture,
-            _NO_PICTURE,
-            (x0, y0),
-            layers=layers,
-            mouth=self._mouth_columns(opening),
-            rows=rows,
-        )
-
-    def _lips(self, opening: Opening, fragments: Fragments) -> NDArray[np.bool_]:
-        weight = np.zeros((len(opening.vertices), 1), np.float32)
-        weight[opening.rim] = 1.0
-        return np.asarray(fragments.interpolate(opening.faces, weight)[..., 0] > 0.5)
-
-    def _seam(self, opening: Opening, fragments: Fragments, scale: float) -> NDArray[np.bool_]:
-        """Return the pixels along the line between closed lips: a dark line, or teeth in a slit."""
-        near = fragments.interpolate(opening.faces, opening.seam[:, None])[..., 0]
-        return np.asarray(fragments.covered & (near > (0.5 if scale > 1 else 0.25)))
-
-    def _incisal(self, opening: Opening, box: tuple[int, int, int, int]) -> NDArray[np.float64]:
-        """Return the lowest row of the drawn upper teeth in each column of a box in the photo."""
-        x0, y0, x1, y1 = box
-        teeth = opening.faces[opening.kinds == UPPER_TOOTH]
-        pixels, depth = self.source.pixels[opening.vertices], self.source.depth[opening.vertices]
-        size = (y1 - y0, x1 - x0)
-        seen = rasterise(pixels - (x0, y0), depth, teeth, size, perspective=self.source.perspective).covered
-        lowest = (size[0] - 1 - seen[::-1].argmax(axis=0)).astype(np.float64)
-        return np.where(seen.any(axis=0), lowest, np.nan)
-
-    def _prepare_colours(self, layers: MouthLayers) -> None:
-        """Choose the linear albedos of teeth, flesh and walls: those of the photo where it shows them."""
-        white = self.light.irradiance(np.array([[0.0, 0.0, -1.0]]))[0]
-        tooth = linear_from_srgb(np.array(_TOOTH)).astype(np.float64)
-        open_eyes = [prepared.eye.sclera for prepared in self._eyes if prepared.eye is not None and prepared.eye.seen]
-        if layers.tooth is not None:
-            tooth = linear_from_srgb(layers.tooth / 255.0) / np.maximum(0.85 * white, 1e-3)
-        elif open_eyes:
-            # what is white in the same light tells the light better than skin does, shaded by lids as it is
-            sclera = max(open_eyes, key=lambda colour: float(np.sum(colour)))
-            told = _TOOTH_OF_SCLERA * sclera / np.maximum(white, 1e-3)
-            tooth = tooth * np.clip(told / tooth, 0.5, 1.5) ** 0.7
-        if layers.tooth is None:  # not brighter than what else is bright in the face
-            brightest = max(float(colour.sum()) for colour in (*open_eyes, self.light.highlight))
-            tooth = tooth * min(1.0, 1.15 * brightest / float((tooth * white).sum()))
-        self._tooth = np.clip(tooth, 0.03, 1.1).astype(np.float32)
-        self._flesh = linear_from_srgb(np.array(_FLESH)).astype(np.float32)
-        self._wall = linear_from_srgb(np.array(_WALL)).astype(np.float32)
-
-    # ---- drawing
+        for eye in self._eyes:
+            own = None if gaze is None else np.asarray(gaze, np.float64)[SIDES.index(eye.opening.name)]
+            self._paint_eye(image, marks, eye, target, own)
+        if self._mouth is not None:
+            self._paint_mouth(image, marks, self._mouth, target)
 
     def _paint_eye(
         self,
         image: NDArray[np.uint8],
         marks: NDArray[np.bool_],
-        prepared: _Prepared,
+        eye: EyeSource,
         target: MeshView,
         gaze: NDArray[np.floating] | None,
     ) -> None:
-        opening, eye, lid = prepared.opening, prepared.eye, prepared.lid
-        assert eye is not None and lid is not None
+        opening, lid = eye.opening, eye.lid
         ids = opening.vertices
-        pixels, seen = target.pixels[ids], target.camera_vertices[ids]
-        scale = _px_per_mm(target, opening)
-        lookup = self._eyeball_places(opening.name, target, gaze)
-        moved = self._motion(prepared, pixels, scale)
-        balls = np.flatnonzero(np.isin(ids, eyeball(self.face, opening.name)))
+        pixels, seen, scale = target.pixels[ids], target.camera_vertices[ids], px_per_mm(target, opening)
+        balls = opening.places(eyeball(self.face, opening.name))
+        moved = _own_motion(eye, pixels) / scale
+        places = self._eyeball_places(opening.name, target, gaze)
         if gaze is not None:
-            turned = lookup - self.source.pixels[ids[balls]]
+            turned = places - self.source.pixels[eyeball(self.face, opening.name)]
             moved = max(moved, float(np.abs(turned - turned.mean(axis=0)).max()) / scale)
         mix = _ease((moved - _MOTION_MM[0]) / (_MOTION_MM[1] - _MOTION_MM[0]))
         if mix <= 0:
             return
-        gap = _gap(opening, seen)
         skin = np.zeros((len(ids), N_SKIN_COLUMNS), np.float32)
-        skin[:, :2] = prepared.pixels
-        skin[balls, :2] = lookup
-        skin[:, 2] = lid.weights(opening, pixels, gap)
+        skin[:, :2] = eye.pixels
+        skin[balls, :2] = places
+        skin[:, 2] = lid.weights(opening, pixels, _gap(opening, seen))
         if skin[:, 2].any():
-            normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds <= 1])
+            normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds <= SOCKET])
             skin[:, 3:6] = lid.shaded(normals, self.light)
         skin[:, 6], skin[:, 8], skin[:, 9:] = lid.lash_mm, opening.near, lid.grain
-        self._draw(
-            image, marks, prepared, target, scale, mix, skin, np.zeros((len(ids), N_MOUTH_COLUMNS), np.float32),
-            eye.picture, eye.origin, LID_SHADOW, LID_SHADOW_MM, lid.lash_colour, 1.0, None,
-        )  # fmt: skip
+        x, y = eye.ball.origin
+        look = _EyeLook(eye.grain, lid.lash_colour, eye.ball.picture, np.float32(x), np.float32(y))
+        self._draw(image, marks, eye, target, mix, skin, (LID_SHADOW, LID_SHADOW_MM), look, _NO_MOUTH)
 
     def _paint_mouth(
-        self, image: NDArray[np.uint8], marks: NDArray[np.bool_], prepared: _Prepared, target: MeshView
+        self, image: NDArray[np.uint8], marks: NDArray[np.bool_], source: MouthSource, target: MeshView
     ) -> None:
-        opening, layers = prepared.opening, prepared.layers
-        assert layers is not None and prepared.mouth is not None and prepared.rows is not None
+        opening = source.opening
         ids = opening.vertices
-        pixels, seen = target.pixels[ids], target.camera_vertices[ids]
-        scale = _px_per_mm(target, opening)
-        mix = _ease((self._motion(prepared, pixels, scale) - _MOTION_MM[0]) / (_MOTION_MM[1] - _MOTION_MM[0]))
+        pixels, seen, scale = target.pixels[ids], target.camera_vertices[ids], px_per_mm(target, opening)
+        mix = _ease((_own_motion(source, pixels) / scale - _MOTION_MM[0]) / (_MOTION_MM[1] - _MOTION_MM[0]))
         if mix <= 0:
             return
         skin = np.zeros((len(ids), N_SKIN_COLUMNS), np.float32)
-        skin[:, :2] = prepared.pixels
-        skin[:, 7], skin[:, 8] = self._wet(prepared, seen), opening.near
+        skin[:, :2] = source.pixels
+        skin[:, 7], skin[:, 8] = self._wet(opening, seen), opening.near
         inner = np.flatnonzero(ids >= self.face.n_skin)
         normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds > SKIN])
-        mouth = prepared.mouth.copy()
-        mouth[inner, :3] = self.light.irradiance(normals[inner])
-        gap = _gap(opening, seen)
-        height = float(np.percentile(gap, 70)) if len(gap) else 0.0
-        maps = tuple(_layer_map(row, pixels, prepared.pixels, layers.origin) for row in prepared.rows)
-        self._draw(
-            image, marks, prepared, target, scale, mix, skin, mouth,
-            _NO_PICTURE, (0, 0), 0.28, 1.5, np.zeros(5, np.float32), 8.0 + 1.3 * height, maps,
-        )  # fmt: skip
+        columns = source.columns.copy()
+        columns[inner, :3] = self.light.irradiance(normals[inner])
+        maps = [_layer_map(row, pixels, source.pixels, source.layers.origin) for row in source.rows]
+        # the wider the mouth, the deeper light gets into it
+        depth = 8.0 + 1.3 * float(np.percentile(_gap(opening, seen), 70))
+        look = _MouthLook(
+            columns,
+            source.flesh,
+            source.tooth,
+            source.wall,
+            np.float32(depth),
+            source.layers.skull,
+            maps[0],
+            source.layers.jaw,
+            maps[1],
+        )
+        self._draw(image, marks, source, target, mix, skin, (_LIP_SHADOW, _LIP_SHADOW_MM), _NO_EYE, look)
 
-    def _wet(self, prepared: _Prepared, seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _wet(self, opening: Opening, seen: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how dark the lips' inner sides are, (M,), and the line between closing lips."""
-        opening = prepared.opening
         shut = 1 - np.clip(_gap(opening, seen) / _TOUCH_MM, 0, 1)
         was_shut = 1 - np.clip(_gap(opening, self.source.camera_vertices[opening.vertices]) / _TOUCH_MM, 0, 1)
         line = np.clip(shut - was_shut, 0, 1)[opening.pair]
         return np.asarray(opening.hidden * opening.near + 1.3 * opening.seam * line)
 
-    def _mouth_columns(self, opening: Opening) -> NDArray[np.float32]:
-        """Return what the mouth's vertices are made of, in the columns that `compose` takes; the light is 0 yet."""
-        mouth = np.zeros((len(opening.vertices), N_MOUTH_COLUMNS), np.float32)
-        paint = paint_map(self.face)
-        attributes = paint.columns(paint.attributes[opening.vertices])
-        mouth[:, 3], mouth[:, 4], mouth[:, 5] = attributes["flesh"], attributes["cavity"], attributes["groove"]
-        z = self.face.mean_shape[opening.vertices, 2]
-        mouth[:, 6] = np.maximum(z[opening.rim].max() - _TEETH_BEHIND_LIPS_MM - z, 0.0)
-        return mouth
-
     def _draw(
         self,
         image: NDArray[np.uint8],
         marks: NDArray[np.bool_],
-        prepared: _Prepared,
+        source: OpeningSource,
         target: MeshView,
-        scale: float,
         mix: float,
         skin: NDArray[np.float32],
-        mouth: NDArray[np.float32],
-        eye_picture: NDArray[np.float32],
-        eye_origin: tuple[int, int],
-        shadow: float,
-        shadow_mm: float,
-        lash_colour: NDArray[np.float32],
-        depth_mm: float,
-        maps: tuple[NDArray[np.float64], ...] | None,
+        shadow: tuple[float, float],
+        eye: _EyeLook,
+        mouth: _MouthLook,
     ) -> None:
-        opening, layers = prepared.opening, prepared.layers
+        """Find what the samples of an opening's box see in the target, and draw it."""
+        opening = source.opening
         pixels = target.pixels[opening.vertices]
-        x0, y0, x1, y1 = _box(pixels[opening.rim], 3.0, self._size)
+        x0, y0, x1, y1 = box_round(pixels[opening.rim], 3.0, self._size)
         if x1 <= x0 or y1 <= y0:
             return
-        step = 3 if max(x1 - x0, y1 - y0) < 45 else 2
+        step = 3 if max(x1 - x0, y1 - y0) < _FINE_BELOW else 2
         fragments = rasterise(
             (pixels - (x0, y0) + 0.5) * step - 0.5,
             target.depth[opening.vertices],
@@ -365,25 +273,12 @@ class InnerFace:
             perspective=target.perspective,
         )
         edges = upper_edges(fragments.face_index, opening.kinds, EYE)
-        nowhere = np.zeros((8, 2))
-        compose(
+        x, y = source.origin
+        _compose(
             image, marks, x0, y0, step, fragments.face_index, fragments.barycentric, opening.faces, opening.kinds,
-            edges, scale, np.float32(mix),
-            skin, prepared.skin_picture, prepared.grain, *map(np.float32, prepared.origin), lash_colour,
-            eye_picture, *map(np.float32, eye_origin), np.float32(shadow), np.float32(shadow_mm),
-            mouth, self._flesh, self._tooth, self._wall, np.float32(depth_mm),
-            _NO_LAYER if layers is None else layers.skull, nowhere if maps is None else maps[0],
-            _NO_LAYER if layers is None else layers.jaw, nowhere if maps is None else maps[1],
-            _ENCODE,
+            edges, px_per_mm(target, opening), np.float32(mix), skin, source.skin, np.float32(x), np.float32(y),
+            np.float32(shadow[0]), np.float32(shadow[1]), *eye, *mouth, _ENCODE,
         )  # fmt: skip
-
-    def _motion(self, prepared: _Prepared, pixels: NDArray[np.float64], scale: float) -> float:
-        """Return how far an opening moves against itself, mm: beyond the best affine motion of its probes."""
-        probes = prepared.opening.probes
-        now, then = pixels[probes], prepared.pixels[probes]
-        design = np.column_stack([then - then.mean(axis=0), np.ones(len(then))])
-        fitted, *_ = np.linalg.lstsq(design, now, rcond=None)
-        return float(np.abs(now - design @ fitted).max()) / max(scale, 1e-9)
 
     def _eyeball_places(self, side: str, target: MeshView, gaze: NDArray[np.floating] | None) -> NDArray[np.float64]:
         """Return where in the photo the eyeball's vertices are shown, (N, 2), by what the target's show."""
@@ -415,13 +310,13 @@ class InnerFace:
         return np.asarray(moved @ head @ turn_of_gaze(gaze) @ turn_of_gaze(own).T @ head.T)
 
 
-def _fine(photo: NDArray[np.uint8], scale: float) -> NDArray[np.float32]:
-    """Return pores and grain of a cut-out of the photo, without its lines and edges: (h, w, 3) about 0."""
-    values = photo.astype(np.float32)
-    sigma = max(1.0, 0.6 * scale)
-    fine = values - ndimage.gaussian_filter(values, (sigma, sigma, 0))
-    limit = 3.0 * np.median(np.abs(fine))
-    return np.asarray(np.clip(fine, -limit, limit), np.float32)
+def _own_motion(source: OpeningSource, pixels: NDArray[np.float64]) -> float:
+    """Return how far an opening moves against itself, pixels: beyond the best affine motion of its probes."""
+    probes = source.opening.probes
+    now, then = pixels[probes], source.pixels[probes]
+    design = np.column_stack([then - then.mean(axis=0), np.ones(len(then))])
+    fitted, *_ = np.linalg.lstsq(design, now, rcond=None)
+    return float(np.abs(now - design @ fitted).max())
 
 
 def _gap(opening: Opening, seen: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -432,23 +327,6 @@ def _gap(opening: Opening, seen: NDArray[np.floating]) -> NDArray[np.float64]:
 def _ease(value: float) -> float:
     w = min(max(value, 0.0), 1.0)
     return w * w * (3 - 2 * w)
-
-
-def _box(pixels: NDArray[np.floating], margin: float, size: tuple[int, ...]) -> tuple[int, int, int, int]:
-    """Return first and last column and row (exclusive) round points, within the picture."""
-    low = np.floor(pixels.min(axis=0) - margin).astype(int)
-    high = np.ceil(pixels.max(axis=0) + margin).astype(int) + 1
-    x0, y0 = np.clip(low, 0, (size[1], size[0]))
-    x1, y1 = np.clip(high, 0, (size[1], size[0]))
-    return int(x0), int(y0), int(x1), int(y1)
-
-
-def _px_per_mm(view: MeshView, opening: Opening) -> float:
-    """Return the scale of a view at an opening, pixels per millimetre."""
-    ids = opening.vertices[opening.rim[::5]]
-    flat, deep = view.pixels[ids], view.camera_vertices[ids, :2]
-    spread = np.linalg.norm(deep - deep.mean(axis=0))
-    return float(np.linalg.norm(flat - flat.mean(axis=0)) / max(float(spread), 1e-9))
 
 
 def _layer_map(

@@ -70,6 +70,10 @@ class Opening:
     seam: NDArray[np.float64]
     pair: NDArray[np.intp]
 
+    def places(self, ids: NDArray[np.integer]) -> NDArray[np.intp]:
+        """Return where vertices of the face, all of them in `vertices`, are within it."""
+        return np.searchsorted(self.vertices, ids)
+
 
 @lru_cache(maxsize=4)
 def openings(face: Face) -> tuple[Opening, Opening, Opening]:
@@ -151,7 +155,8 @@ def _out_of_sight(face: Face, kinds: NDArray[np.int8]) -> NDArray[np.float64]:
     faces = face.topology.faces[(face.topology.faces < n).all(axis=1)]
     step = 0.4
     lo = mean[:, :2].min(axis=0)
-    size = tuple(int(k) for k in np.ceil((mean[:, :2].max(axis=0) - lo)[::-1] / step) + 1)
+    width, height = (np.ceil((mean[:, :2].max(axis=0) - lo) / step) + 1).astype(int)
+    size = (int(height), int(width))
     at = (mean[:, :2] - lo) / step
     at[:, 1] = size[0] - 1 - at[:, 1]
     buffer = rasterise(at, 1000.0 - mean[:, 2], faces, size, perspective=False).depth

@@ -157,7 +157,8 @@ def _skin_samples(
     sure *= skin
     lo, hi = source.pixels[:n].min(axis=0), source.pixels[:n].max(axis=0)
     step = max(float((hi - lo).max()) / (1.6 * _SAMPLES_ACROSS), 1e-6)
-    size = tuple(int(k) for k in np.ceil((hi - lo)[::-1] / step) + 1)
+    width, height = (np.ceil((hi - lo) / step) + 1).astype(int)
+    size = (int(height), int(width))
     at = (source.pixels[:n] - lo) / step
     buffer = rasterise(at, source.depth[:n], faces, size, perspective=source.perspective, cull_back_faces=True)
     normals = vertex_normals(source.camera_vertices[:n], faces)
