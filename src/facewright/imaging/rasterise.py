@@ -120,26 +120,26 @@ def _rasterise(pixels, depth, faces, height, width, perspective, cull):  # type:
     for f in range(faces.shape[0]):
         # unsigned here and below: no test for indices that count from the end
         a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
-        za, zb, zc = depth[a], depth[b], depth[c]
-        if perspective:
-            if za <= 0.0 or zb <= 0.0 or zc <= 0.0:
-                continue
-            # 1/depth is affine on the screen, as depth is without perspective
-            za, zb, zc = 1.0 / za, 1.0 / zb, 1.0 / zc
         ax, ay = pixels[a, 0], pixels[a, 1]
         bx, by = pixels[b, 0], pixels[b, 1]
         cx, cy = pixels[c, 0], pixels[c, 1]
-        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        # y points down, so that a triangle seen from outside has negative area
-        if not 1e-30 < abs(area) < 1e30 or (cull and area > 0.0):
-            continue
         # clipped before they become integers: corners may lie anywhere
         x0 = int(np.ceil(min(max(min(ax, bx, cx), 0.0), width)))
         x1 = int(np.floor(max(min(max(ax, bx, cx), width - 1.0), -1.0)))
         y0 = int(np.ceil(min(max(min(ay, by, cy), 0.0), height)))
         y1 = int(np.floor(max(min(max(ay, by, cy), height - 1.0), -1.0)))
         if x0 > x1 or y0 > y1:
+            continue  # before anything else: most triangles of a small face hold no pixel's centre
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        # y points down, so that a triangle seen from outside has negative area
+        if not 1e-30 < abs(area) < 1e30 or (cull and area > 0.0):
             continue
+        za, zb, zc = depth[a], depth[b], depth[c]
+        if perspective:
+            if za <= 0.0 or zb <= 0.0 or zc <= 0.0:
+                continue
+            # 1/depth is affine on the screen, as depth is without perspective
+            za, zb, zc = 1.0 / za, 1.0 / zb, 1.0 / zc
         inv = 1.0 / area
         # weights are affine in x and y: step them along the row
         wa_dx, wb_dx = (by - cy) * inv, (cy - ay) * inv
