@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
-from facewright.errors import ShapeError
+from facewright.errors import ShapeError, ValueRangeError
 from facewright.faces.appearance import albedo_function, sample_appearance, visible_faces
 from facewright.faces.face import Face
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.render import render_mesh
-from facewright.imaging.synthesis import PhotoSynthesiser, Synthesis
+from facewright.imaging.synthesis import PhotoSynthesiser, Synthesis, SynthesisOptions
 
 SIZE = (300, 320)
 NECK = np.array([0.0, -60.0, -10.0])  # heads turn about it
@@ -111,6 +111,12 @@ def test_the_background_keeps_its_bits_and_touched_says_where(scene, subject):
     np.testing.assert_array_equal(at[~result.touched], np.stack([x, y], axis=-1)[~result.touched])
 
 
+def test_golden(scene, subject, golden):
+    _, _, synthesiser = subject
+    target = scene.view(scene.expression(mouthSmile_L=1.0, mouthSmile_R=1.0, browInnerUp_L=0.7), (9, 3, -4))
+    golden("photo_redrawn", synthesiser.draw(target).image[25:265, 40:280])
+
+
 def test_drawing_twice_is_drawing_once(scene, subject):
     _, _, synthesiser = subject
     target = scene.view(scene.expression(jawOpen=0.6), (10, 0, 0))
@@ -153,6 +159,21 @@ def test_the_inner_face_is_painted_where_something_changes(scene, subject):
     assert recorder.calls[0] is gaze and looked.touched.sum() == 1
     moved = synthesiser.draw(scene.view(scene.expression(jawOpen=0.5)))
     assert recorder.calls[1] is None and moved.touched[0, 0]
+
+
+def test_a_short_reach_changes_less_of_the_photo(scene, subject):
+    source, photo, synthesiser = subject
+    target = scene.view(scene.expression(jawOpen=0.4), (3, 0, 0))
+    near = PhotoSynthesiser(photo, source, scene.face, SynthesisOptions(hair=0.05, reach=0.1)).draw(target)
+    assert 0 < near.touched.sum() < 0.8 * synthesiser.draw(target).touched.sum()
+    assert near.smallest_jacobian > 0
+
+
+@pytest.mark.parametrize("name", ["hair", "reach", "neck"])
+@pytest.mark.parametrize("value", [0.0, -1.0, 3.0, float("nan")])
+def test_options_must_be_in_range(name, value):
+    with pytest.raises(ValueRangeError, match=name):
+        SynthesisOptions(**{name: value})
 
 
 def test_shapes_must_match(scene, subject):

@@ -160,13 +160,13 @@ def compose(field, solid, origin, size, window, step, motion, blend, inner_origi
             row[0, c] = row[1, c] = row[2, c] = row[3, c]
             row[cols + 3, c] = row[cols + 4, c] = row[cols + 5, c] = row[cols + 2, c]
         for x in range(width):
-            j = np.uint64(start[x])
+            n = np.uint64(start[x])
             p0, p1, p2, p3 = phase[x, 0], phase[x, 1], phase[x, 2], phase[x, 3]
-            d0 = p0 * row[j, 0] + p1 * row[j + 1, 0] + p2 * row[j + 2, 0] + p3 * row[j + 3, 0]
-            d1 = p0 * row[j, 1] + p1 * row[j + 1, 1] + p2 * row[j + 2, 1] + p3 * row[j + 3, 1]
+            d0 = p0 * row[n, 0] + p1 * row[n + 1, 0] + p2 * row[n + 2, 0] + p3 * row[n + 3, 0]
+            d1 = p0 * row[n, 1] + p1 * row[n + 1, 1] + p2 * row[n + 2, 1] + p3 * row[n + 3, 1]
             u = x + origin[0] - inner_origin[0]
             if inside and 0 <= u < w and blend[v, u] > 0:
-                s = p0 * row[j, 2] + p1 * row[j + 1, 2] + p2 * row[j + 2, 2] + p3 * row[j + 3, 2]
+                s = p0 * row[n, 2] + p1 * row[n + 1, 2] + p2 * row[n + 2, 2] + p3 * row[n + 3, 2]
                 s = s * s * (np.float32(3) - np.float32(2) * s) * blend[v, u]
                 d0 += s * (motion[v, u, 0] - d0)
                 d1 += s * (motion[v, u, 1] - d1)

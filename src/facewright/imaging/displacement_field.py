@@ -19,10 +19,8 @@ from facewright.numeric.check import check_shape
 
 _CELLS = 56  # of the lattice, along the head
 _DATA, _OUTLINE, _PINNED, _BORDER = 4.0, 1.0, 1.5, 4.0  # strengths, beside a membrane of stiffness 1
-_HAIR = 0.14  # as a share of the head's size: so far out everything follows nearly rigidly
 _SOFT = 0.2  # stiffness beyond
-_REACH, _PER_DISPLACEMENT = 0.22, 3.2  # beyond the hair: share of the head, multiples of the largest displacement
-_NECK = 0.24  # the neck's length as a share of the head: its base stays
+_PER_DISPLACEMENT = 3.2  # the field reaches beyond the hair by so many times the largest displacement, at least
 _FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
 _FAR = 0.08  # a silhouette that slides farther, as a share of the head, tells less
 _BAND = 0.04  # so near the picture's border, as a share of the head, skin says less
@@ -72,10 +70,22 @@ class HeadField:
         What the photo shows.
     size : (height, width)
         Size of the photo.
+    hair, reach, neck : float
+        As shares of the head's size: how far out everything follows nearly rigidly; how far beyond that the field
+        ends, or farther where displacements are large; how far below the chin nothing moves.
     """
 
-    def __init__(self, surface: SourceSurface, size: tuple[int, int]) -> None:
+    def __init__(
+        self,
+        surface: SourceSurface,
+        size: tuple[int, int],
+        *,
+        hair: float = 0.14,
+        reach: float = 0.22,
+        neck: float = 0.24,
+    ) -> None:
         self.surface, self.size = surface, size
+        self._hair, self._reach, self._neck = (float(share * surface.head_size) for share in (hair, reach, neck))
         self.step = max(1, round(surface.head_size / _CELLS))
         rows, cols = -(-size[0] // self.step), -(-size[1] // self.step)
         self._lattice = (rows, cols)
@@ -152,8 +162,7 @@ class HeadField:
 
     def _window(self, box: tuple[int, int, int, int], largest: float) -> tuple[tuple[int, int, int, int], float]:
         """Return first row, first column, rows and columns of the lattice's part that moves, and its reach, pixels."""
-        size = self.surface.head_size
-        reach = _HAIR * size + max(_REACH * size, _PER_DISPLACEMENT * largest)
+        reach = self._hair + max(self._reach, _PER_DISPLACEMENT * largest)
         rows, cols = np.nonzero(self._was_head)
         s = self.step
         top, left, bottom, right = box[1] // s, box[0] // s, -(-box[3] // s), -(-box[2] // s)
@@ -182,7 +191,7 @@ class HeadField:
         distance = ndimage.distance_transform_edt(~(was | (cover > 0.3))) * s if was.any() or cover.any() else None
         if distance is None:
             return np.zeros((2, rows, cols), np.float32), np.zeros((rows, cols), np.float32)
-        hair = _HAIR * surface.head_size
+        hair = self._hair
         away = np.clip((distance - hair) / max(reach - hair, 1e-6), 0, 1)
         stiffness = _SOFT + (1 - _SOFT) * np.clip(2 - distance / hair, 0, 1)
         scale = _DATA / area
@@ -217,7 +226,7 @@ class HeadField:
         lowest = max(float(surface.chin @ surface.down), float(moved @ surface.down))
         below = y[:, None] * surface.down[1] + x[None, :] * surface.down[0] - lowest
         start = 0.04 * surface.head_size
-        length = max(_NECK * surface.head_size, 1.6 * largest)
+        length = max(self._neck, 1.6 * largest)
         t = np.clip((below - start) / length, 0, 1)
         return np.asarray(_PINNED * t * t, dtype=np.float32)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.errors import ValueRangeError
 from facewright.faces.face import Face
 from facewright.imaging._warp_kernels import soften_breaks
 from facewright.imaging.displacement_field import HeadField, HeadMap
@@ -25,7 +26,27 @@ _JUMP = 1.0  # pixels: where the map jumps by more, an edge is softened
 
 @dataclass(frozen=True)
 class SynthesisOptions:
-    """How a photo is redrawn."""
+    """How the surroundings of a head follow it; all as shares of the head's size.
+
+    Parameters
+    ----------
+    hair : float
+        So far out everything follows the head nearly rigidly.
+    reach : float
+        So far beyond the hair the photo changes, farther only where the head moves far.
+    neck : float
+        So far below the chin nothing follows a jaw.
+    """
+
+    hair: float = 0.14
+    reach: float = 0.22
+    neck: float = 0.24
+
+    def __post_init__(self) -> None:
+        for name in ("hair", "reach", "neck"):
+            value = getattr(self, name)
+            if not 0.02 <= value <= 2.0:
+                raise ValueRangeError(f"{name} must be in [0.02, 2], got {value}.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +116,8 @@ class PhotoSynthesiser:
         self.options = options or SynthesisOptions()
         self.inner = inner
         self.surface = SourceSurface.of(source, face)
-        self.field = HeadField(self.surface, (photo.shape[0], photo.shape[1]))
+        shares = {"hair": self.options.hair, "reach": self.options.reach, "neck": self.options.neck}
+        self.field = HeadField(self.surface, (photo.shape[0], photo.shape[1]), **shares)
 
     def draw(self, target: MeshView, gaze: NDArray[np.floating] | None = None) -> Synthesis:
         """Return the photo with its face as in `target`; `gaze` (2, 2) turns the eyeballs, radians."""
