@@ -207,7 +207,7 @@ class DenseModel:
         *,
         shared: bool = False,
     ) -> FrameSystem:
-        """Return the residual and its derivatives; the plane and the terms of the pose are held still."""
+        """Return the residual and its derivatives."""
         N, B = self.points.n_points, self.n_shapes
         points = person.neutral + person.deltas @ beta
         seen = pose.motion.apply(points)
@@ -223,6 +223,12 @@ class DenseModel:
         J[:, :, 2] = by_camera[:, :, 1] * arms[:, 0, None] - by_camera[:, :, 0] * arms[:, 1, None]
         J[:, :, 3:5] = by_camera[:, :, :2] / pose.scale
         J[:, :, 5] = -by_camera @ middle
+        # the detector's habits and the plane turn with the head
+        away = found - pose.intrinsics.project(seen)
+        terms, planes = _by_turn(pose)
+        J[:, :, :3] += np.einsum("kw,knr->nrw", terms, self.points.pose_response)
+        J[:, :, :3] -= np.einsum("wrc,nc->nrw", planes, away)
+        J[:, :, 5] += away @ plane.T
         J[:, :, N_POSE : N_POSE + B] = by_model @ person.deltas + self.response
         if shared:
             moved = np.concatenate([[1.0], beta]).astype(np.float32) @ self.core[1:].reshape(self.n_identity, 1 + B, -1)
@@ -241,6 +247,16 @@ class DenseModel:
             by_c, by_focal = -white[:, N_POSE + B : -2], -white[:, -2:-1]
             by_shared = np.concatenate([by_c, self._by_q, by_focal], axis=1)
         return FrameSystem(white[:, -1], -white[:, : N_POSE + B], by_shared)
+
+
+def _by_turn(pose: FramePose, h: float = 1e-4) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return derivatives by a rotation vector: of `pose_terms` (6, 3) and of `head_plane` (3, 2, 2); differences."""
+    turned = np.array(
+        [[rotation_from_vector(sign * h * axis) @ pose.motion.rotation for axis in np.eye(3)] for sign in (1.0, -1.0)]
+    )
+    terms = pose_terms(turned)
+    planes = np.array([[head_plane(rotation, pose.scale) for rotation in row] for row in turned])
+    return (terms[0] - terms[1]).T / (2.0 * h), (planes[0] - planes[1]) / (2.0 * h)
 
 
 def _with_free_modes(points: DensePoints, freedom: float) -> DensePoints:

@@ -21,7 +21,7 @@ _OTHER_CHANGE = 0.04
 _TAIL = 4.0
 _SWEEPS = 8
 #: Strength of the smoothing of the head's motion: frames of a 25th of a second that act together, to the fourth.
-_MOTION = 6.0
+_MOTION = 4.0
 #: A face that is lost: hold its expression, then ease to the neutral.
 HOLD_SECONDS, EASE_SECONDS = 0.4, 0.6
 

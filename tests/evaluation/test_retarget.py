@@ -1,0 +1,29 @@
+import numpy as np
+import pytest
+
+from facewright.errors import ValueRangeError
+
+
+def test_refuses_no_subjects(builtin_face):
+    from facewright.evaluation.retarget import run
+
+    with pytest.raises(ValueRangeError, match="subjects"):
+        run(builtin_face, 0, subjects=0)
+
+
+@pytest.mark.slow
+@pytest.mark.landmarks
+def test_measures_every_key_of_the_issue(builtin_face):
+    pytest.importorskip("mediapipe")
+    pytest.importorskip("av")
+    from facewright.apps.default_model import default_model
+    from facewright.evaluation.retarget import run
+
+    metrics = run(builtin_face, 5, subjects=1, seconds=3.0, model=default_model())
+    for key in ("coefficient_mae", "neutral_mae", "pose_deg", "jitter_motion", "truth_jitter_motion", "fps"):
+        assert np.isfinite(metrics[key])
+    assert metrics["pose_deg"] < 6.0 and metrics["tracked"] == 1.0
+    assert metrics["correlation_blink"] > 0.5 and metrics["landmark_residual_iod"] < 0.04
+    assert metrics["jitter_motion"] < 4 * metrics["truth_jitter_motion"]
+    assert metrics["identity_drift_mm"] < 3.0
+    assert metrics["blendshape_transfer_mm"] > 0 and metrics["bilinear_transfer_mm"] > 0
