@@ -8,12 +8,13 @@ from importlib import metadata, util
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "numba", "pillow", "scikit-image", "pooch", "typer", "rich")
+PACKAGES = ("numpy", "scipy", "numba", "pillow", "scikit-image", "pooch", "threadpoolctl", "typer", "rich")
 #: Extra -> the packages it brings, by the name they are imported under.
 EXTRAS = {
     "landmarks": ("mediapipe",),
+    "video": ("av",),
     "capture": ("open3d", "imagecodecs"),
-    "warehouse": ("zarr", "numcodecs", "google_crc32c", "fsspec", "dask", "distributed", "bokeh", "threadpoolctl"),
+    "warehouse": ("zarr", "numcodecs", "google_crc32c", "fsspec", "dask", "distributed", "bokeh"),
 }
 #: Other names under which the same package is installed.
 _ALSO = {"open3d": ("open3d-cpu",)}
