@@ -13,7 +13,7 @@ from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.camera.rotation import rotation_from_head_angles
 from facewright.faces import Face
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
-from facewright.fitting.gaze import SIDES, set_gaze
+from facewright.fitting.gaze import SIDES, Eyeballs
 from facewright.landmarks.scheme import load_scheme
 from facewright.landmarks.track import LandmarkTrack
 from facewright.models.performance import Performance
@@ -32,8 +32,10 @@ def clip(face: Face, rng: np.random.Generator, noise: float) -> tuple[Any, Landm
     translations = np.tile([5.0, 0.0, 600.0], (T, 1))
     groups = load_scheme("mediapipe478").groups
     points = np.full((T, 478, 2), 300.0, np.float32)
+    eyes = Eyeballs(face, face.mean_shape)
     for k in range(T):
-        vertices = set_gaze(face, face.mean_shape, face.mean_shape, gaze[k])
+        vertices = face.mean_shape.astype(np.float64)
+        eyes.turn(vertices, gaze[k])
         seen = intrinsics.project(RigidMotion(rotations[k], translations[k]).apply(vertices))
         for side in SIDES:
             iris = seen[face.topology.masks[f"iris_{side}"]].mean(axis=0)
