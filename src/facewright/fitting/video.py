@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics
 from facewright.errors import DegenerateError, ValueRangeError
+from facewright.fitting.clip_gaze import frame_gaze, keep_through_blinks
 from facewright.fitting.clip_person import (
     ClipPersonFitter,
     FrameState,
@@ -118,7 +119,8 @@ class VideoFit:
     identity : ClipIdentity
         Who.
     performance : Performance
-        What: absolute coefficients (all zero is the neutral), head motion, gaze. Frames without a face hold the last
+        What: absolute coefficients (all zero is the neutral), head motion, and gaze (zero is where the eyes usually
+        look in the clip). Frames without a face hold the last
         expression for a moment and then ease to the neutral.
     residuals_iod : ndarray of shape (T,)
         Mean distance of the detected points from the fit's, as a share of the inter-ocular distance; NaN in frames
@@ -208,7 +210,7 @@ class VideoFitter:
         """
         who = identity or self.identity(track)
         T, B = track.n_frames, self.dense.n_shapes
-        weights, residuals = np.zeros((T, B)), np.full(T, np.nan)
+        weights, residuals, gaze = np.zeros((T, B)), np.full(T, np.nan), np.zeros((T, 2))
         rotations, translations = np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3))
         for run in _runs(track):
             for chunk, kept in _chunks(run):
@@ -218,14 +220,16 @@ class VideoFitter:
                 weights[kept] = beta[inner]
                 rotations[kept], translations[kept] = motion[0][inner], motion[1][inner]
                 for row in range(kept.start, kept.stop):
-                    residuals[row] = self._residual(track, who, row, states[row - chunk.start])
+                    state = states[row - chunk.start]
+                    residuals[row] = self._residual(track, who, row, state)
+                    gaze[row] = frame_gaze(self.dense, track.points[row], who.person, state)
         performance = Performance(
             times=track.times,
             names=self.dense.names,
             weights=np.clip(weights, 0.0, 1.0),
             rotations=rotations,
             translations=translations,
-            gaze=np.zeros((T, 2, 2)),
+            gaze=np.repeat(self._steady_gaze(track, who, gaze)[:, None], 2, axis=1),
             tracked=track.tracked.copy(),
         )
         return VideoFit(who, fill_gaps(performance), residuals)
@@ -253,6 +257,14 @@ class VideoFitter:
             step = np.diff(track.times[chunk])
             beta = smooth_coefficients(hessians, slopes, beta, step, self.dense.names, self.options.smoothness)
         return [FrameState(state.pose, row) for state, row in zip(states, beta, strict=True)], beta
+
+    def _steady_gaze(self, track: LandmarkTrack, who: ClipIdentity, gaze: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return gaze (T, 2), held through blinks; zero is where the eyes usually look in the clip."""
+        steady, seen = np.zeros_like(gaze), track.tracked
+        closure = lid_closure(track.points[seen], who.open_eyes).max(axis=1)
+        held = keep_through_blinks(gaze[seen], closure)
+        steady[seen] = held - np.median(held, axis=0)
+        return steady
 
     def _residual(self, track: LandmarkTrack, who: ClipIdentity, row: int, state: FrameState) -> float:
         found = self.dense.detected(track.points[row])
