@@ -21,7 +21,7 @@ SKIN, SOCKET, EYE, UPPER_TOOTH, LOWER_TOOTH, MOUTH = range(6)
 SIDES = ("right", "left")  # the order of `Performance.gaze`
 
 _SHELLS = ("lacrimal", "eye_blend", "eye_occlusion", "eyelash")  # see-through: not drawn
-_REACH_MM = {"mouth": 20.0, "eye": 18.0}  # skin up to here may hide an opening
+_REACH_MM = {"mouth": 34.0, "eye": 26.0}  # skin up to here may hide an opening
 _HIDDEN_MM = 0.6
 _NEAR_MM = 4.0
 _SEAM_MM = 0.5

@@ -12,6 +12,8 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _LEAST_SEEN = 14  # pixels of an open mouth
 _CROWN_MM = 10.5
 _GUM_MM = 6.0
+#: Teeth must be seen in so many of the open mouth's columns to be carried over.
+_LEAST_SHARE = 0.35
 #: Columns of a layer beside its colours: how opaque it is, and where it hides the drawn teeth.
 OPAQUE, CUT = 3, 4
 
@@ -76,24 +78,34 @@ def mouth_layers(
     if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < max(4.0, 2.2 * px_per_mm):
         return MouthLayers(skull, jaw, origin, None, None)
     tooth, colour = _teeth(values, inside, np.asarray(lips, np.float32))
+    tall = tooth.sum(axis=0) >= max(3.0, 1.5 * px_per_mm)  # of less nothing is learnt
+    if tall.sum() < _LEAST_SHARE * inside.any(axis=0).sum():
+        return MouthLayers(skull, jaw, origin, None, None)
+    tooth &= tall
     columns = np.flatnonzero(inside.any(axis=0))
     first, last = inside.argmax(axis=0), h - 1 - inside[::-1].argmax(axis=0)
     division, whole = _division(tooth, first, last, columns, max(2, round(0.8 * px_per_mm)))
-    has = np.isfinite(division)
+    division, whole, has = _between(division, whole)
+    whole = np.asarray(ndimage.binary_opening(whole, np.ones(5)))  # a lone column is a mistake
+    if has.sum() < 4:
+        return MouthLayers(skull, jaw, origin, None, None)
+    bright = values @ _LUMINANCE
+    limit = 0.35 * float(np.asarray(colour) @ _LUMINANCE) if colour is not None else 0.0
     inset = max(1, round(0.3 * px_per_mm))
     for x in columns:
         top, bottom = int(first[x]), int(last[x])
         if has[x]:
             stop = round(division[x])
-            _fill_skull(skull, values, x, top, min(stop, bottom + 1), inset, px_per_mm, gum)
+            gums = gum if tooth[min(top + inset, bottom), x] else None
+            _fill_skull(skull, values, x, top, min(stop, bottom + 1), inset, px_per_mm, gums)
             if whole[x]:
                 skull[stop : stop + int(8 * px_per_mm), x, CUT] = 1.0
             else:
                 _continue_down(skull, x, bottom, incisal[x], inset)
-        elif has.any():  # the dark beside the teeth stays with them
-            _fill_skull(skull, values, x, top, bottom + 1, inset, px_per_mm, values[top, x])
-        if whole[x] or not has.any():
-            _fill_jaw(jaw, values, x, round(division[x]) if has[x] else top, bottom, inset, px_per_mm)
+        elif bright[top : bottom + 1, x].mean() < limit:  # the dark beside the teeth stays with them
+            _fill_skull(skull, values, x, top, bottom + 1, inset, px_per_mm, None)
+        if whole[x]:
+            _fill_jaw(jaw, values, x, round(division[x]), bottom, inset, px_per_mm)
     for layer in (skull, jaw):
         _soften(layer)
     dark = values[inside][values[inside] @ _LUMINANCE <= np.percentile(values[inside] @ _LUMINANCE, 5)].mean(axis=0)
@@ -171,6 +183,22 @@ def _division(
     return division, whole
 
 
+def _between(
+    division: NDArray[np.float64], whole: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Let columns between teeth, gums or dark, end where their neighbours do; also tells which columns are known."""
+    known = np.flatnonzero(np.isfinite(division))
+    if len(known) == 0:
+        return division, whole, np.zeros(len(division), bool)
+    span = np.arange(known[0], known[-1] + 1)
+    filled = division.copy()
+    filled[span] = np.interp(span, known, division[known])
+    nearest = known[np.abs(span[:, None] - known[None]).argmin(axis=1)]
+    ends = whole.copy()
+    ends[span] = whole[nearest]
+    return filled, ends, np.isfinite(filled)
+
+
 def _fill_skull(
     layer: NDArray[np.float32],
     values: NDArray[np.float32],
@@ -179,9 +207,9 @@ def _fill_skull(
     stop: int,
     inset: int,
     px_per_mm: float,
-    gum: NDArray[np.floating],
+    gum: NDArray[np.floating] | None,
 ) -> None:
-    """Put one column of upper teeth on the layer, going on upwards behind the lip."""
+    """Put one column of upper teeth on the layer, going on upwards behind the lip: to the gum, or as it is seen."""
     if stop <= top:
         return
     layer[top:stop, x, :3] = values[top:stop, x]
@@ -192,7 +220,8 @@ def _fill_skull(
     rows = np.arange(high, top)
     share = np.clip((crown - rows) / (2.0 * px_per_mm), 0, 1)[:, None]
     shade = np.clip(1.0 - 0.06 * (top - rows) / px_per_mm, 0.5, 1.0)[:, None]  # behind the lip it gets dark
-    layer[high:top, x, :3] = shade * (values[edge, x] * (1 - share) + share * np.asarray(gum, np.float32))
+    beyond = values[edge, x] if gum is None else np.asarray(gum, np.float32)
+    layer[high:top, x, :3] = shade * (values[edge, x] * (1 - share) + share * beyond)
     layer[high:stop, x, OPAQUE] = 1.0
     layer[high:stop, x, CUT] = 1.0
 
