@@ -114,7 +114,7 @@ def test_teeth_keep_their_place_between_the_lips(builtin_face, rng):
     topology, old = builtin_face.topology, builtin_face.mean_shape.astype(float)
     assert np.abs(teeth_with_lips(old, old, topology) - old).max() < 1e-9
     new = old.copy()
-    lips = topology.masks["lips"]
+    lips = np.concatenate([topology.masks["lip_contact_upper"], topology.masks["lip_contact_lower"]])
     new[lips] = old[lips] * [1.2, 1.0, 1.0] + [0.0, -5.0, 1.0]  # wider and lower
     moved = teeth_with_lips(new, old, topology)
     upper = slice(*topology.parts["teeth_upper"])

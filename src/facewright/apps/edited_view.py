@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _ANCHORS = (0, 1, 13, 14, 27, 31, 35, 39, 43)
 
 _WITH_LIPS = ("teeth", "gums_and_tongue")
-_RIDGE_MM = 3.0
+_RIDGE_MM = 2.0
 
 
 def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating]) -> MeshView:
@@ -47,15 +47,17 @@ def edited_view(subject: PhotoSubject, identity_weights: NDArray[np.floating]) -
 
 
 def teeth_with_lips(new: NDArray[np.floating], old: NDArray[np.floating], topology: Topology) -> NDArray[np.float64]:
-    """Return changed vertices (V, 3) whose teeth, gums and tongue move from the old ones as the lips do, affinely.
+    """Return changed vertices (V, 3) whose teeth, gums and tongue follow the lips' inner rims affinely.
 
     Teeth of their own place would show between the same lips a dark gap below them, or gums above, which the photo
     does not; the expression, and with it what a mouth shows, is not what was asked to change.
     """
     result = np.array(new, dtype=np.float64)
-    lips = topology.masks.get("lips")
+    lips = np.concatenate(
+        [topology.masks.get(f"lip_contact_{side}", np.zeros(0, np.int32)) for side in ("upper", "lower")]
+    )
     inside = [slice(*span) for name, span in topology.parts.items() if name.startswith(_WITH_LIPS)]
-    if lips is None or not len(lips) or not inside:
+    if not len(lips) or not inside:
         return result
     middle, target = old[lips].mean(axis=0), result[lips].mean(axis=0)
     before, after = old[lips] - middle, result[lips] - target
