@@ -189,11 +189,17 @@ class DenseModel:
         return person.departure + by_pose + self.response @ beta
 
     def residual(
-        self, found: NDArray[np.float64], person: ClipPerson, pose: FramePose, beta: NDArray[np.float64]
+        self,
+        found: NDArray[np.float64],
+        person: ClipPerson,
+        pose: FramePose,
+        beta: NDArray[np.float64],
+        plane: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
-        """Return the whitened residual (K,) of the model's points `found` (N, 2)."""
+        """Return the whitened residual (K,) of the model's points `found` (N, 2), in the pose's plane or another."""
         points = person.neutral + person.deltas @ beta
-        plane = head_plane(pose.motion.rotation, pose.scale)
+        if plane is None:
+            plane = head_plane(pose.motion.rotation, pose.scale)
         difference = (found - pose.intrinsics.project(pose.motion.apply(points))) @ plane.T
         whole = (difference - self._habits(person, pose, beta)).astype(np.float32)
         return (self._whitening @ whole.reshape(-1)).astype(np.float64)
@@ -207,7 +213,11 @@ class DenseModel:
         *,
         shared: bool = False,
     ) -> FrameSystem:
-        """Return the residual and its derivatives."""
+        """Return the residual and its derivatives.
+
+        The plane in which it is measured is held still: a residual in millimetres shrinks where the head is taken to
+        be large, and would draw it there.
+        """
         N, B = self.points.n_points, self.n_shapes
         points = person.neutral + person.deltas @ beta
         seen = pose.motion.apply(points)
@@ -223,12 +233,7 @@ class DenseModel:
         J[:, :, 2] = by_camera[:, :, 1] * arms[:, 0, None] - by_camera[:, :, 0] * arms[:, 1, None]
         J[:, :, 3:5] = by_camera[:, :, :2] / pose.scale
         J[:, :, 5] = -by_camera @ middle
-        # the detector's habits and the plane turn with the head
-        away = found - pose.intrinsics.project(seen)
-        terms, planes = _by_turn(pose)
-        J[:, :, :3] += np.einsum("kw,knr->nrw", terms, self.points.pose_response)
-        J[:, :, :3] -= np.einsum("wrc,nc->nrw", planes, away)
-        J[:, :, 5] += away @ plane.T
+        J[:, :, :3] += np.einsum("kw,knr->nrw", _pose_terms_by_turn(pose.motion.rotation), self.points.pose_response)
         J[:, :, N_POSE : N_POSE + B] = by_model @ person.deltas + self.response
         if shared:
             moved = np.concatenate([[1.0], beta]).astype(np.float32) @ self.core[1:].reshape(self.n_identity, 1 + B, -1)
@@ -249,14 +254,11 @@ class DenseModel:
         return FrameSystem(white[:, -1], -white[:, : N_POSE + B], by_shared)
 
 
-def _by_turn(pose: FramePose, h: float = 1e-4) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return derivatives by a rotation vector: of `pose_terms` (6, 3) and of `head_plane` (3, 2, 2); differences."""
-    turned = np.array(
-        [[rotation_from_vector(sign * h * axis) @ pose.motion.rotation for axis in np.eye(3)] for sign in (1.0, -1.0)]
-    )
-    terms = pose_terms(turned)
-    planes = np.array([[head_plane(rotation, pose.scale) for rotation in row] for row in turned])
-    return (terms[0] - terms[1]).T / (2.0 * h), (planes[0] - planes[1]) / (2.0 * h)
+def _pose_terms_by_turn(rotation: NDArray[np.float64], h: float = 1e-4) -> NDArray[np.float64]:
+    """Return the derivative (6, 3) of `pose_terms` by a rotation vector, by central differences."""
+    turned = [[rotation_from_vector(sign * h * axis) @ rotation for axis in np.eye(3)] for sign in (1.0, -1.0)]
+    terms = pose_terms(np.array(turned))
+    return (terms[0] - terms[1]).T / (2.0 * h)
 
 
 def _with_free_modes(points: DensePoints, freedom: float) -> DensePoints:
