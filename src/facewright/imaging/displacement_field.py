@@ -24,6 +24,7 @@ _PER_DISPLACEMENT = 3.2  # the field reaches beyond the hair by so many times th
 _FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
 _FAR = 0.08  # a silhouette that slides farther, as a share of the head, tells less
 _BAND = 0.04  # so near the picture's border, as a share of the head, skin says less
+_ALIGNED = 8  # cells: where windows may begin
 _LEAST = 0.03  # pixels: smaller displacements are none
 
 
@@ -91,14 +92,49 @@ class HeadField:
         self._lattice = (rows, cols)
         self._head = np.unique(surface.faces[surface.kinds != BODY])
         self._told = self._head[surface.weights[self._head, 0] > 0.2]
-        neck = np.unique(surface.faces[surface.kinds == BODY])
-        self._moving = np.union1d(self._head, neck[surface.weights[neck, 3] > 0])
-        view = surface.view
-        seen = rasterise(
-            (view.pixels + 0.5) / self.step - 0.5, view.depth, surface.faces, (rows, cols), perspective=view.perspective
-        )
-        self._was_head = seen.covered & (surface.kinds[np.maximum(seen.face_index, 0)] != BODY)
+        below = np.unique(surface.faces[surface.kinds == BODY])
+        self._moving = np.union1d(self._head, below[surface.weights[below, 3] > 0])
+        self._prepare_distance()
         self._table = np.array([*surface.outline_origin, surface.outline_scale], np.float32)
+
+    def _prepare_distance(self) -> None:
+        """Measure, on the lattice's part around the head in the photo, how far each cell is from it."""
+        view, s = self.surface.view, self.step
+        pixels = view.pixels[self._head]
+        wide = int(np.ceil(1.2 * self.surface.head_size / s))
+        first = np.floor(pixels.min(axis=0) / s).astype(int) - wide
+        last = np.ceil(pixels.max(axis=0) / s).astype(int) + wide
+        cols, rows = (int(n) for n in last - first)
+        at = (view.pixels + 0.5) / s - 0.5 - first
+        seen = rasterise(at, view.depth, self.surface.faces, (rows, cols), perspective=view.perspective)
+        head = seen.covered & (self.surface.kinds[np.maximum(seen.face_index, 0)] != BODY)
+        head[rows // 2, cols // 2] = True  # a head of a pixel or two may cover no cell's centre
+        self._first = first
+        self._away = ndimage.gaussian_filter(ndimage.distance_transform_edt(~head) * s, 1.0).astype(np.float32)
+        self._source_box = (first + wide, last - wide)
+
+    def _distance_at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distance of places (pixels) from the head in the photo, pixels; continuous in the place."""
+        rows, cols = self._away.shape
+        i, j = (y + 0.5) / self.step - 0.5 - self._first[1], (x + 0.5) / self.step - 0.5 - self._first[0]
+        k, m = np.clip(i, 0, rows - 1), np.clip(j, 0, cols - 1)
+        beyond = self.step * np.hypot(i - k, j - m)
+        return np.asarray(ndimage.map_coordinates(self._away, [k, m], order=1, mode="nearest") + beyond)
+
+    def _distance(self, window: tuple[int, int, int, int], target: MeshView) -> NDArray[np.float64]:
+        """Return how far each cell is from where the head was and is: no jumps from frame to frame, (rows, columns).
+
+        The head's silhouette in the target is taken as the photo's, moved by the best similarity.
+        """
+        top, left, rows, cols = window
+        y, x = (np.mgrid[top : top + rows, left : left + cols] + 0.5) * self.step - 0.5
+        then, now = (v.pixels[self._head] @ (1.0, 1.0j) for v in (self.surface.view, target))
+        arms = then - then.mean()
+        turn = (arms.conj() @ (now - now.mean())) / max(float((np.abs(arms) ** 2).sum()), 1e-9)
+        if abs(turn) < 0.05:
+            turn = 1.0 + 0.0j
+        back = (x + 1j * y - now.mean()) / turn + then.mean()
+        return np.minimum(self._distance_at(x, y), abs(turn) * self._distance_at(back.real, back.imag))
 
     def map_of(self, target: MeshView) -> HeadMap | None:
         """Return the map from a target view, or None where nothing moves.
@@ -163,14 +199,14 @@ class HeadField:
     def _window(self, box: tuple[int, int, int, int], largest: float) -> tuple[tuple[int, int, int, int], float]:
         """Return first row, first column, rows and columns of the lattice's part that moves, and its reach, pixels."""
         reach = self._hair + max(self._reach, _PER_DISPLACEMENT * largest)
-        rows, cols = np.nonzero(self._was_head)
         s = self.step
         top, left, bottom, right = box[1] // s, box[0] // s, -(-box[3] // s), -(-box[2] // s)
-        if len(rows):
-            top, bottom = min(top, rows.min()), max(bottom, rows.max() + 1)
-            left, right = min(left, cols.min()), max(right, cols.max() + 1)
+        first, last = self._source_box
+        top, left = min(top, max(first[1], 0)), min(left, max(first[0], 0))
+        bottom, right = max(bottom, min(last[1], self._lattice[0])), max(right, min(last[0], self._lattice[1]))
         wide = int(np.ceil(reach / s)) + 3
-        top, left = max(int(top) - wide, 0), max(int(left) - wide, 0)
+        # coarser grids of the membrane lie alike from frame to frame
+        top, left = (max(int(k) - wide, 0) // _ALIGNED * _ALIGNED for k in (top, left))
         bottom, right = min(int(bottom) + wide, self._lattice[0]), min(int(right) + wide, self._lattice[1])
         return (top, left, bottom - top, right - left), reach
 
@@ -187,10 +223,7 @@ class HeadField:
         top, left, rows, cols = window
         area = np.float32(s * s)
         cover = cells[0] / area
-        was = self._was_head[top : top + rows, left : left + cols]
-        distance = ndimage.distance_transform_edt(~(was | (cover > 0.3))) * s if was.any() or cover.any() else None
-        if distance is None:
-            return np.zeros((2, rows, cols), np.float32), np.zeros((rows, cols), np.float32)
+        distance = self._distance(window, target)
         hair = self._hair
         away = np.clip((distance - hair) / max(reach - hair, 1e-6), 0, 1)
         stiffness = _SOFT + (1 - _SOFT) * np.clip(2 - distance / hair, 0, 1)

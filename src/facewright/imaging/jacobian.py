@@ -12,6 +12,7 @@ from facewright.imaging._warp_kernels import jacobian_minimum
 from facewright.numeric.check import check_shape
 
 _ROUNDS = 9
+_NEARLY = 0.2  # as in `jacobian_minimum`
 _GROWTH = 1.5  # of the smoothed neighbourhood from round to round
 
 
@@ -59,15 +60,16 @@ def untangle(
     check_shape("breaks", breaks, "h", "w")
     smallest = 1.0
     for done in range(_ROUNDS + 1):
-        bad = np.zeros(displacement.shape[:2], np.bool_)
+        bad = np.zeros(displacement.shape[:2], np.float32)
         smallest, count = jacobian_minimum(displacement, breaks, offset, bad)
-        if count == 0 or done == _ROUNDS:
+        # what nearly folds is smoothed once too, by as much: maps that change little change little
+        if (count == 0 and (done or smallest >= _NEARLY)) or done == _ROUNDS:
             return Untangled(float(smallest), done)
         _smooth(displacement, bad, round((2 + min(bad.shape) / 500) * _GROWTH**done))
     return Untangled(float(smallest), _ROUNDS)
 
 
-def _smooth(displacement: NDArray[np.float32], bad: NDArray[np.bool_], reach: int) -> None:
+def _smooth(displacement: NDArray[np.float32], bad: NDArray[np.float32], reach: int) -> None:
     """Replace the displacement near bad pixels by a local mean, in place."""
     block = max(4, 2 * reach)
     high, wide = -(-bad.shape[0] // block), -(-bad.shape[1] // block)
@@ -76,7 +78,7 @@ def _smooth(displacement: NDArray[np.float32], bad: NDArray[np.bool_], reach: in
     coarse[y // block, x // block] = True
     for part in ndimage.find_objects(ndimage.label(coarse, np.ones((3, 3)))[0]):
         rows, cols = (slice(max(p.start * block - 4 * reach, 0), p.stop * block + 4 * reach) for p in part)
-        near = bad[rows, cols].astype(np.float32)
+        near = bad[rows, cols]
         share = np.clip(3.0 * ndimage.uniform_filter(ndimage.maximum_filter(near, 2 * reach + 1), 2 * reach + 1), 0, 1)
         here = displacement[rows, cols]
         for k in range(2):

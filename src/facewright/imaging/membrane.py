@@ -9,7 +9,7 @@ from facewright.imaging._membrane_kernels import coarsen, refine, relax
 from facewright.numeric.check import check_shape
 
 _SMALLEST = 4  # cells along the shorter side of the coarsest grid
-_SWEEPS, _OVER = 24, np.float32(1.7)
+_SWEEPS, _OVER = 40, np.float32(1.8)
 
 
 def stretch_membrane(
