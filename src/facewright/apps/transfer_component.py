@@ -346,7 +346,9 @@ def _remarks(
             f"The reference's face is {1 / shrinking:.1f} times as small as the target's: what comes from it is soft."
         )
     if is_grey(reference.photo) and not is_grey(target.photo):
-        remarks.append(f"The reference has no colours: the {component} takes those of the skin around it.")
+        remarks.append(
+            f"The reference has no colours: the {component} is tinted like the skin around it, teeth and eyes too."
+        )
     return tuple(remarks)
 
 
