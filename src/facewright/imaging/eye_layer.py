@@ -177,6 +177,8 @@ def _best_circle(
         weight += both
     off_x, off_y, larger = (cx - start[0]) / start[2], (cy - start[1]) / start[2], radius / start[2] - 1
     usual = np.exp(-0.5 * ((off_x / 0.3) ** 2 + (off_y / 0.25) ** 2 + (larger / 0.13) ** 2))
+    if reach < 0.2:  # near what was found the picture alone decides
+        usual = np.ones(len(cx))
     score = gain / np.maximum(weight, 0.12 * len(angles)) * usual
     best = int(np.argmax(score))
     return np.array([cx[best], cy[best], radius[best]]) if score[best] > 2.0 else around

@@ -177,6 +177,8 @@ def _blurred_linear(
     photo: NDArray[np.uint8], x: NDArray[np.float64], y: NDArray[np.float64], step: float
 ) -> NDArray[np.float64]:
     """Look the photo up, averaged over about `step` pixels, in linear light."""
+    if x.size == 0:
+        return np.zeros((0, 3))
     x0, y0 = max(int(x.min() - 3 * step) - 1, 0), max(int(y.min() - 3 * step) - 1, 0)
     crop = photo[y0 : int(y.max() + 3 * step) + 2, x0 : int(x.max() + 3 * step) + 2]
     linear = linear_from_srgb(crop.astype(np.float32) / 255.0)
