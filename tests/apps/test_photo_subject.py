@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from facewright.apps.photo_subject import MAX_YAW, open_photo_subject
+from facewright.apps.photo_landmarks import MAX_YAW
+from facewright.apps.photo_subject import open_photo_subject
 from facewright.camera.pinhole import RigidMotion
 from facewright.camera.rotation import rotation_from_head_angles
 from facewright.errors import DegenerateError, MissingFaceError, NoFaceError, ShapeError, ValueRangeError
