@@ -283,7 +283,7 @@ def _clip(values: NDArray[np.float64], notes: list[str]) -> None:
     if outside.any():
         worst = SHAPE_COLUMNS[int(np.flatnonzero(outside.any(axis=0))[0])]
         notes.append(
-            f"{int(outside.sum())} values outside [0, 1] were clipped (range found: {shapes.min():.4g} to "
+            f"{outside.sum()} value{'s' * (outside.sum() > 1)} outside [0, 1] clipped (range found: {shapes.min():.4g} to "
             f"{shapes.max():.4g}), such as {worst}."
         )
         np.clip(shapes, 0.0, 1.0, out=shapes)
