@@ -282,8 +282,9 @@ def _clip(values: NDArray[np.float64], notes: list[str]) -> None:
     outside = (shapes < 0) | (shapes > 1)
     if outside.any():
         worst = SHAPE_COLUMNS[int(np.flatnonzero(outside.any(axis=0))[0])]
+        n = int(outside.sum())
         notes.append(
-            f"{outside.sum()} value{'s' * (outside.sum() > 1)} outside [0, 1] clipped (range found: {shapes.min():.4g} to "
+            f"{n} value{'s' if n > 1 else ''} outside [0, 1] clipped (range found: {shapes.min():.4g} to "
             f"{shapes.max():.4g}), such as {worst}."
         )
         np.clip(shapes, 0.0, 1.0, out=shapes)
