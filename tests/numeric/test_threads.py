@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facewright.errors import ValueRangeError
-from facewright.numeric.threads import for_blocks, thread_count, thread_environment
+from facewright.numeric.threads import for_blocks, one_blas_thread, thread_count, thread_environment
 
 
 @pytest.mark.parametrize("threads", ["1", "3"])
@@ -79,3 +79,15 @@ def test_the_environment_of_a_process_names_every_pool(monkeypatch):
     assert found.stdout.strip() == b"3"
     with pytest.raises(ValueRangeError, match="n_threads must be positive"):
         thread_environment(0)
+
+
+def test_blas_computes_in_one_thread_within_the_block_only():
+    from threadpoolctl import threadpool_info
+
+    def blas_threads():
+        return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+    before = blas_threads()
+    with one_blas_thread():
+        assert set(blas_threads()) <= {1}
+    assert blas_threads() == before

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from facewright.errors import ValueRangeError
 from facewright.io.video_writer import FrameClock, VideoWriter, join_videos
 from facewright.numeric.read_ahead import in_threads
-from facewright.numeric.threads import thread_count
+from facewright.numeric.threads import one_blas_thread, thread_count
 
 if TYPE_CHECKING:
     from facewright.apps.photo_motion import PhotoMotion
@@ -128,9 +128,23 @@ def draw_clip(
     T = motion.n_frames
     if clock.n_frames != T:
         raise ValueRangeError(f"clock must have the motion's {T} frames, got {clock.n_frames}.")
-    height, width = subject.photo.shape[:2]
     pieces = [folder / f"{first:08d}.mp4" for first in range(0, T, PIECE)]
     subject.synthesiser  # noqa: B018  built once, before the threads ask for it
+    with one_blas_thread():  # frames are the threads' work
+        _draw_pieces(subject, motion, clock, pieces, quality, progress)
+    return join_videos(out, pieces, clock, sound_of=sound_of, sound_start=sound_start)
+
+
+def _draw_pieces(
+    subject: PhotoSubject,
+    motion: PhotoMotion,
+    clock: FrameClock,
+    pieces: list[Path],
+    quality: int,
+    progress: Progress | None,
+) -> None:
+    height, width = subject.photo.shape[:2]
+    T = motion.n_frames
     for number, piece in enumerate(pieces):
         first, last = number * PIECE, min((number + 1) * PIECE, T)
         if not piece.exists():
@@ -146,7 +160,6 @@ def draw_clip(
                         progress(STAGE, frame + 1, T)
         if progress is not None:
             progress(STAGE, last, T)
-    return join_videos(out, pieces, clock, sound_of=sound_of, sound_start=sound_start)
 
 
 def photo_rig_texture(subject: PhotoSubject, size: int = 1024) -> NDArray[np.uint8] | None:

@@ -21,6 +21,7 @@ from facewright.errors import NoFaceError, ValueRangeError
 from facewright.io.atomic import write_atomically
 from facewright.io.video_reader import VideoReader
 from facewright.io.work_folder import WorkFolder, file_identity
+from facewright.numeric.threads import one_blas_thread
 
 if TYPE_CHECKING:
     from facewright.fitting.video import VideoFit
@@ -160,7 +161,8 @@ def track(
     T = video.track.n_frames
     if not video.track.tracked.any():
         raise NoFaceError(f"{choice.video} must show a face, none was found in any of its {T} frames.")
-    fit = VideoFitter(model).fit(video.track, progress=progress)
+    with one_blas_thread():
+        fit = VideoFitter(model).fit(video.track, progress=progress)
     acted = replace(fit.performance, gaze=track_gaze(fit, video.track))
     performance, gaps = fill_untracked(acted, video.track.cuts)
     fitted = time.perf_counter()

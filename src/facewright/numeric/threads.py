@@ -1,11 +1,12 @@
-"""Run compiled kernels, which release the interpreter lock, on blocks of an index range in threads."""
+"""Threads: compiled kernels on blocks of an index range, and how many others may use."""
 
 from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import lru_cache
 
 from facewright.errors import ValueRangeError
@@ -78,3 +79,16 @@ def thread_environment(n_threads: int) -> dict[str, str]:
         raise ValueRangeError(f"n_threads must be positive, got {n_threads}.")
     names = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "VECLIB_MAXIMUM", "NUMBA_NUM")
     return {f"{name}_THREADS": str(n_threads) for name in names}
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Let BLAS compute in one thread while the block runs.
+
+    Sums in another order would change last bits with the number of threads; and thousands of small systems are slower
+    on many threads, by several times where the machine is busy.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(limits=1, user_api="blas"):
+        yield

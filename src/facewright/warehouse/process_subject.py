@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -24,6 +24,7 @@ from facewright.errors import (
     ValueRangeError,
 )
 from facewright.faces.expressions import EXPRESSION_NAMES, expression_weights
+from facewright.numeric.threads import one_blas_thread
 from facewright.warehouse.expression_record import (
     ExpressionRecord,
     LoadedRecording,
@@ -148,21 +149,8 @@ def process_timed(
         raise FileFormatError(
             " ".join(capture.problems) or f"{capture.path} must have a recording of the neutral expression."
         )
-    with one_blas_thread():
+    with one_blas_thread():  # the same bits for any number of threads; the kernels that count have their own
         return _process(capture, options, progress)
-
-
-@contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Let BLAS compute in one thread: sums in another order would change last bits with the number of threads.
-
-    It costs no time here: the large matrices are sparse, and the kernels that count have threads of their own, which
-    make no difference to the bits.
-    """
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1, user_api="blas"):
-        yield
 
 
 def _process(capture: SubjectCapture, options: ProcessOptions, progress: Progress | None) -> ProcessedSubject:
