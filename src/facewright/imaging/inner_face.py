@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -48,6 +49,16 @@ _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
 _LIP_SHADOW, _LIP_SHADOW_MM = 0.28, 1.5
 _FINE_BELOW = 45  # pixels: of openings smaller than this, more samples are taken
 _compose: Callable[..., None] = compose
+
+
+class _Eyeball(NamedTuple):
+    """What the photo alone says of an eyeball."""
+
+    ids: NDArray[np.intp]
+    then: NDArray[np.float64]  # (N, 3) in the camera's axes
+    centre: NDArray[np.float64]
+    affine: NDArray[np.float64]  # (4, 2) from about the centre to pixels
+    back: NDArray[np.float64]  # (3, 3) from the camera's axes to those of an eyeball that looks ahead
 
 
 class _EyeLook(NamedTuple):
@@ -280,34 +291,51 @@ class InnerFace:
             np.float32(shadow[0]), np.float32(shadow[1]), *eye, *mouth, _ENCODE,
         )  # fmt: skip
 
+    @cached_property
+    def _skull(self) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+        """Upper teeth, which are fixed to the skull: vertices, places in the photo, and the head's rotation there."""
+        teeth = rigid_vertices(self.face, "teeth_upper")
+        then = self.source.camera_vertices[teeth]
+        head, _ = rigid_motion(self.face.mean_shape[teeth].astype(np.float64), then)
+        return teeth, then, head
+
+    @cached_property
+    def _eyeballs(self) -> dict[str, _Eyeball]:
+        """What the photo alone says of the eyeballs."""
+        head = self._skull[2]
+        found = {}
+        for side in SIDES:
+            ids = eyeball(self.face, side)
+            then = self.source.camera_vertices[ids]
+            centre = sphere_centre(then)
+            if self._gaze is None:
+                iris = self.source.camera_vertices[self.face.topology.masks[f"iris_{side}"]].mean(axis=0)
+                x, y, z = head.T @ (iris - centre)
+                own = np.array([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
+            else:
+                own = self._gaze[SIDES.index(side)]
+            design = np.column_stack([then - centre, np.ones(len(then))])
+            affine, *_ = np.linalg.lstsq(design, self.source.pixels[ids], rcond=None)
+            found[side] = _Eyeball(ids, then, centre, affine, turn_of_gaze(own).T @ head.T)
+        return found
+
+    def _head_turn(self, target: MeshView) -> NDArray[np.float64]:
+        """Return the rotation of the head at rest to the target's, in the camera's axes, (3, 3)."""
+        teeth, then, head = self._skull
+        moved, _ = rigid_motion(then, target.camera_vertices[teeth])
+        return moved @ head
+
     def _eyeball_places(self, side: str, target: MeshView, gaze: NDArray[np.floating] | None) -> NDArray[np.float64]:
         """Return where in the photo the eyeball's vertices are shown, (N, 2), by what the target's show."""
-        ids = eyeball(self.face, side)
-        here = self.source.pixels[ids]
+        ball = self._eyeballs[side]
         if gaze is None:
-            return here
-        then, now = self.source.camera_vertices[ids], target.camera_vertices[ids]
-        centre = sphere_centre(then)
-        own, shift = rigid_motion(then, now)
-        back = (now - (own @ centre + shift)) @ self._eyeball_turn(side, target, gaze)
-        design = np.column_stack([then - centre, np.ones(len(then))])
-        affine, *_ = np.linalg.lstsq(design, here, rcond=None)
-        return np.asarray(np.column_stack([back, np.ones(len(back))]) @ affine)
-
-    def _eyeball_turn(self, side: str, target: MeshView, gaze: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return the rotation from an eyeball as the photo has it to the wanted one, in the camera's axes, (3, 3)."""
-        teeth = rigid_vertices(self.face, "teeth_upper")  # they are fixed to the skull
-        rest, then = self.face.mean_shape[teeth].astype(np.float64), self.source.camera_vertices[teeth]
-        head, _ = rigid_motion(rest, then)
-        moved, _ = rigid_motion(then, target.camera_vertices[teeth])
-        if self._gaze is None:
-            centre = sphere_centre(self.source.camera_vertices[eyeball(self.face, side)])
-            iris = self.source.camera_vertices[self.face.topology.masks[f"iris_{side}"]].mean(axis=0)
-            x, y, z = head.T @ (iris - centre)
-            own = np.array([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
-        else:
-            own = self._gaze[SIDES.index(side)]
-        return np.asarray(moved @ head @ turn_of_gaze(gaze) @ turn_of_gaze(own).T @ head.T)
+            return self.source.pixels[ball.ids]
+        now = target.camera_vertices[ball.ids]
+        own, shift = rigid_motion(ball.then, now)
+        # from the eyeball as the photo has it to the wanted one
+        turn = self._head_turn(target) @ turn_of_gaze(gaze) @ ball.back
+        back = (now - (own @ ball.centre + shift)) @ turn
+        return np.asarray(back @ ball.affine[:3] + ball.affine[3])
 
 
 def _own_motion(source: OpeningSource, pixels: NDArray[np.float64]) -> float:
