@@ -21,6 +21,7 @@ VERBS = [
     ["build"],
     ["fit"],
     ["fit-scan"],
+    *([verb] for verb in ("edit", "transfer", "track", "retarget", "animate")),
     *(["simulate", verb] for verb in ("captures", "people")),
     ["export"],
     *(["capture", verb] for verb in ("show", "landmarks", "fuse")),
@@ -54,6 +55,12 @@ def test_the_list_of_verbs_is_whole():
 def test_version_and_bare_call():
     assert _invoke("--version").stdout == f"facewright {__version__}\n"
     assert "Commands" in _invoke().output
+
+
+@pytest.mark.parametrize("module", ["facewright", "facewright.cli.main"])
+def test_the_module_is_the_command(module):
+    done = subprocess.run([sys.executable, "-m", module, "edit", "--none"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "No such option: --none" in done.stderr
 
 
 def test_info_and_faces_list_as_json(monkeypatch, tmp_path):

@@ -85,3 +85,7 @@ def run() -> None:
         app()
     except KeyboardInterrupt:  # before or after the command itself
         sys.exit(EXIT_INTERRUPTED)
+
+
+if __name__ == "__main__":
+    run()
