@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
-from facewright.camera.rotation import rotation_from_vector
 from facewright.evaluation.simulated_performance import simulate_performance
 from facewright.faces.appearance import Appearance, albedo_function, sample_appearance, vertex_gloss, visible_faces
 from facewright.faces.face import Face
 from facewright.faces.simulate import SimulatedPerson, simulate_person
+from facewright.fitting.gaze import Eyeballs
 from facewright.imaging.render import Lights, render_mesh
 from facewright.models.performance import Performance
 
@@ -68,13 +68,7 @@ class SimulatedVideo:
     def vertices(self, frame: int) -> NDArray[np.float64]:
         """Return all parts of the person in a frame, (V, 3), millimetres, in model space, the eyes turned."""
         posed = self.person.pose(self.performance.weights[frame]).astype(np.float64)
-        for name, kind in self.face.rigid_parts.items():
-            if kind == "eye":
-                start, stop = self.face.topology.parts[name]
-                centre = posed[start:stop].mean(axis=0)
-                yaw, pitch = self.performance.gaze[frame, 0 if centre[0] < 0 else 1]
-                turn = rotation_from_vector([0.0, yaw, 0.0]) @ rotation_from_vector([-pitch, 0.0, 0.0])
-                posed[start:stop] = (posed[start:stop] - centre) @ turn.T + centre
+        Eyeballs(self.face, self.person.neutral).turn(posed, self.performance.gaze[frame])
         return posed
 
     def motion(self, frame: int) -> RigidMotion:
