@@ -1,15 +1,22 @@
 """Measure what MediaPipe's 478 points are on a face, on renders of simulated people: landmarks/data/dense478_*.npz.
 
-    python tools/measure_dense_landmarks.py gather ict FOLDER --people 30
-    python tools/measure_dense_landmarks.py analyse ict FOLDER
+    python tools/measure_dense_landmarks.py ict
+    python tools/measure_dense_landmarks.py builtin
 
-`gather` may run in several processes with different `--first`; only numbers are kept. The people's seeds (20260, k) are
-used nowhere else. See `facewright.landmarks.dense.DensePoints` for what the numbers mean.
+A few minutes of two cores each. People are drawn before a textured wall, with a camera's blur and noise; only numbers
+are kept, in `--folder`, where people that are there already are not drawn again. The people's seeds (20260, k) are
+used nowhere else. The data file says how it was made: seed, people, frames, size of the pictures, detector. See
+`facewright.landmarks.dense.DensePoints` for what the numbers mean.
 """
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
+import tempfile
+from collections.abc import Iterator, Sequence
+from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -18,23 +25,41 @@ from scipy.linalg import solve_triangular
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.camera.rotation import rotation_from_head_angles, rotation_from_vector
+from facewright.evaluation.textured_background import textured_background
 from facewright.faces import load_face
 from facewright.faces.appearance import albedo_function, sample_appearance, vertex_gloss, visible_faces
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.faces.expressions import random_expression_weights
 from facewright.faces.face import Face
-from facewright.faces.simulate import SimulatedPerson, simulate_person
+from facewright.faces.simulate import simulate_person
 from facewright.imaging.render import Lights, render_mesh
 from facewright.io.atomic import write_atomically
-from facewright.landmarks.dense import head_plane, pose_terms
+from facewright.landmarks.dense import MEASURED_FACES, N_POSE_TERMS, head_plane, pose_terms
 from facewright.mesh.normals import vertex_normals
 
-SEED, SIZE = 20260, 288
-CENTRE = np.array([0.0, 0.0, 40.0])
-AT_REST = 6  # first frames of each person; the first two are frontal
-NOISE_LEVELS = 2.0
-N_DIRECTIONS, N_MODES, N_CANDIDATES = 160, 24, 80
 DATA = Path(__file__).parents[1] / "src/facewright/landmarks/data"
+N_PEOPLE = 40
+#: How the pictures are made; kept in the data file.
+SEED, SIZE, SUPERSAMPLE, BLUR_PIXELS, NOISE_LEVELS = 20260, 384, 1, 0.5, 2.0
+SETTINGS = {
+    "seed": SEED,
+    "size": SIZE,
+    "supersample": SUPERSAMPLE,
+    "blur_pixels": BLUR_PIXELS,
+    "noise_levels": NOISE_LEVELS,
+}
+CENTRE = np.array([0.0, 0.0, 40.0])  # of the head, model space
+AT_REST = 6  # first frames of each person; the first two are frontal
+N_MIXTURES = 20
+N_DIRECTIONS, N_MODES, N_CANDIDATES = 160, 24, 80
+
+
+KEPT = ("weights", "rotation", "translation", "focal", "points")
+
+
+def detector_version() -> str:
+    """Return which detector is measured."""
+    return f"mediapipe {version('mediapipe')}"
 
 
 def expressions(rng: np.random.Generator) -> np.ndarray:
@@ -55,16 +80,7 @@ def expressions(rng: np.random.Generator) -> np.ndarray:
         if name == "mouthClose":
             row[index["jawOpen"]] = min(1.0, row[i] * rng.uniform(1.0, 1.1))
         rows.append(row)
-    return np.array([*rows, *random_expression_weights(rng, 20)])
-
-
-def background(tone: tuple[int, int, int], rng: np.random.Generator) -> np.ndarray:
-    """Return a textured wall, so that no outline is told by a plain one."""
-    picture = np.broadcast_to(np.asarray(tone, dtype=np.float64), (SIZE, SIZE, 3)).copy()
-    for size, strength in ((25.0, 25.0), (6.0, 10.0), (1.5, 5.0)):
-        patches = ndimage.gaussian_filter(rng.standard_normal((SIZE, SIZE, 1)), (size, size, 0))
-        picture += strength * patches / patches.std()
-    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    return np.array([*rows, *random_expression_weights(rng, N_MIXTURES)])
 
 
 def camera(rng: np.random.Generator, frontal: bool) -> tuple[Intrinsics, RigidMotion]:
@@ -77,67 +93,97 @@ def camera(rng: np.random.Generator, frontal: bool) -> tuple[Intrinsics, RigidMo
     return Intrinsics.for_image((SIZE, SIZE), focal), motion
 
 
-def gather(name: str, folder: Path, first: int, people: int) -> None:
-    """Draw people, find their points, keep the numbers: one file each."""
+class Studio:
+    """Draws one simulated person."""
+
+    def __init__(self, face: Face, k: int) -> None:
+        self.face, self.person = face, simulate_person(face, np.random.default_rng((SEED, k)))
+        self.rng = np.random.default_rng((SEED, k, 1))
+        look = sample_appearance(self.rng)
+        self.weights = expressions(self.rng)
+        self.faces, self.gloss = visible_faces(face), vertex_gloss(face)
+        self.albedo = albedo_function(face, look, self.faces)
+        self.lights = Lights(look.light_directions, look.light_colours, look.sky, look.ground)
+        self.wall = textured_background(look.background, (SIZE, SIZE), self.rng)
+        self.eyes = [face.topology.parts[part] for part, kind in face.rigid_parts.items() if kind == "eye"]
+
+    def frames(self) -> Iterator[tuple[np.ndarray, Intrinsics, RigidMotion, np.ndarray]]:
+        """Yield coefficients, camera, pose and picture of each frame."""
+        for i, row in enumerate(self.weights):
+            intrinsics, motion = camera(self.rng, frontal=i < 2)
+            yaw, pitch = self.rng.uniform(-1, 1, 2) * (0.45, 0.3) * (i > 1 and self.rng.random() < 0.6)
+            yield row, intrinsics, motion, self.draw(row, intrinsics, motion, yaw, pitch)
+
+    def draw(
+        self, row: np.ndarray, intrinsics: Intrinsics, motion: RigidMotion, yaw: float, pitch: float
+    ) -> np.ndarray:
+        """Draw the person with an expression and turned eyes: (SIZE, SIZE, 3), uint8."""
+        vertices = self.person.pose(row).astype(np.float64)
+        turn = rotation_from_vector([0.0, yaw, 0.0]) @ rotation_from_vector([-pitch, 0.0, 0.0])
+        for start, stop in self.eyes:
+            middle = vertices[start:stop].mean(axis=0)
+            vertices[start:stop] = (vertices[start:stop] - middle) @ turn.T + middle
+        seen = motion.apply(vertices)
+        image = render_mesh(
+            seen,
+            intrinsics.project(seen),
+            self.faces,
+            (SIZE, SIZE),
+            albedo=self.albedo,
+            lights=self.lights,
+            background=self.wall,
+            shininess=self.gloss,
+            supersample=SUPERSAMPLE,
+        ).image
+        blurred = ndimage.gaussian_filter(image.astype(np.float32), (BLUR_PIXELS, BLUR_PIXELS, 0))
+        noisy = blurred + NOISE_LEVELS * self.rng.standard_normal(image.shape, dtype=np.float32)
+        return np.ascontiguousarray(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+
+
+def gather(name: str, folder: Path, k: int) -> int:
+    """Draw person `k`, find the points, keep the numbers: one file. Returns the number of frames with a face."""
     import mediapipe
 
-    face = load_face(name)
-    faces, gloss = visible_faces(face), vertex_gloss(face)
-    eyes = [face.topology.parts[part] for part, kind in face.rigid_parts.items() if kind == "eye"]
-    mesh = mediapipe.solutions.face_mesh.FaceMesh(static_image_mode=False, refine_landmarks=True, max_num_faces=1)
-    for k in range(first, first + people):
-        person = simulate_person(face, np.random.default_rng((SEED, k)))
-        rng = np.random.default_rng((SEED, k, 1))
-        look, weights = sample_appearance(rng), expressions(rng)
-        albedo = albedo_function(face, look, faces)
-        lights = Lights(look.light_directions, look.light_colours, look.sky, look.ground)
-        wall = background(look.background, rng)
-        kept: dict[str, list] = {key: [] for key in ("weights", "rotation", "translation", "focal", "points")}
-        for i, row in enumerate(weights):
-            intrinsics, motion = camera(rng, frontal=i < 2)
-            vertices = person.pose(row).astype(np.float64)
-            yaw, pitch = rng.uniform(-1, 1, 2) * (0.45, 0.3) * (i > 1 and rng.random() < 0.6)
-            for start, stop in eyes:
-                middle = vertices[start:stop].mean(axis=0)
-                turn = rotation_from_vector([0.0, yaw, 0.0]) @ rotation_from_vector([-pitch, 0.0, 0.0])
-                vertices[start:stop] = (vertices[start:stop] - middle) @ turn.T + middle
-            seen = motion.apply(vertices)
-            image = render_mesh(
-                seen,
-                intrinsics.project(seen),
-                faces,
-                (SIZE, SIZE),
-                albedo=albedo,
-                lights=lights,
-                background=wall,
-                shininess=gloss,
-            ).image
-            noisy = np.rint(image + NOISE_LEVELS * rng.standard_normal(image.shape))
-            picture = np.ascontiguousarray(np.clip(noisy, 0, 255).astype(np.uint8))
+    studio = Studio(load_face(name), k)
+    kept: dict[str, list] = {key: [] for key in KEPT}
+    with mediapipe.solutions.face_mesh.FaceMesh(
+        static_image_mode=False, refine_landmarks=True, max_num_faces=1
+    ) as mesh:
+        for i, (row, intrinsics, motion, picture) in enumerate(studio.frames()):
             for _ in range(3 if i == 0 else 2):  # the second look starts from where the first found the face
-                faces_found = mesh.process(picture).multi_face_landmarks
-            if faces_found:
-                points = np.array([(p.x, p.y) for p in faces_found[0].landmark]) * SIZE - 0.5
-                for key, value in zip(
-                    kept, (row, motion.rotation, motion.translation, intrinsics.focal_x, points), strict=True
-                ):
+                found = mesh.process(picture).multi_face_landmarks
+            if found:
+                points = np.array([(p.x, p.y) for p in found[0].landmark]) * SIZE - 0.5
+                values = (row, motion.rotation, motion.translation, intrinsics.focal_x, points)
+                for key, value in zip(KEPT, values, strict=True):
                     kept[key].append(value)
-        with write_atomically(folder / f"{name}_{k:04d}.npz") as path, path.open("wb") as file:
-            np.savez(file, **{key: np.array(value) for key, value in kept.items()})
+    with write_atomically(person_file(name, folder, k)) as path, path.open("wb") as file:
+        np.savez(file, **{key: np.array(value) for key, value in kept.items()}, **SETTINGS, detector=detector_version())
+    return len(kept["points"])
+
+
+def person_file(name: str, folder: Path, k: int) -> Path:
+    """Return where a person's numbers are kept."""
+    return folder / f"{name}_{k:04d}.npz"
 
 
 class Measured:
     """The people of a folder."""
 
-    def __init__(self, face: Face, folder: Path) -> None:
+    def __init__(self, face: Face, folder: Path, people: Sequence[int]) -> None:
         self.face = face
-        self.files = sorted(folder.glob(f"{face.name}_*.npz"))
+        found = [self._person(k, person_file(face.name, folder, k)) for k in people]
+        self.people = [(neutral, deltas, data) for neutral, deltas, data in found if len(data["points"]) > AT_REST]
 
-    def person(self, file: Path) -> tuple[SimulatedPerson, dict[str, np.ndarray]]:
-        """Return a person and what was found of them."""
-        k = int(file.stem.rsplit("_", 1)[1])
-        with np.load(file) as data:
-            return simulate_person(self.face, np.random.default_rng((SEED, k))), dict(data)
+    def _person(self, k: int, file: Path) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+        """Return a person's skin, neutral and deltas, and what was found of them."""
+        with np.load(file, allow_pickle=False) as data:
+            made = {key: data[key].item() for key in (*SETTINGS, "detector")}
+            if made != SETTINGS | {"detector": detector_version()}:
+                raise SystemExit(f"{file} was made otherwise ({made}): remove it.")
+            person, n = simulate_person(self.face, np.random.default_rng((SEED, k))), self.face.n_skin
+            kept = {key: data[key] for key in KEPT}
+        return person.neutral[:n].copy(), person.deltas[:, :n].copy(), kept
 
     @staticmethod
     def frames(vertices: np.ndarray, data: dict[str, np.ndarray]):  # type: ignore[no-untyped-def]
@@ -154,20 +200,18 @@ class Measured:
 def choose_vertices(measured: Measured) -> np.ndarray:
     """Return the skin vertex that each point follows best over all people, poses and expressions, (478,)."""
     face, n = measured.face, measured.face.n_skin
-    people = [measured.person(file) for file in measured.files]
     near = np.zeros((478, n), np.float32)
-    for person, data in people:
+    for neutral, _, data in measured.people:
         still = {key: value[:2] for key, value in data.items()}
-        for seen, found in measured.frames(np.repeat(person.neutral[None, :n].astype(float), 2, axis=0), still):
+        for seen, found in measured.frames(np.repeat(neutral[None].astype(float), 2, axis=0), still):
             near += np.linalg.norm((found[:, None] - seen[None]).astype(np.float32), axis=2)
     normals = vertex_normals(face.mean_shape[:n].astype(np.float64), face.skin().topology.faces)
     near[:, normals[:, 2] < -0.15] = np.inf
     candidates = np.argsort(near, axis=1)[:, :N_CANDIDATES]
     total, square, within, count = np.zeros((478, N_CANDIDATES, 2)), 0.0, 0.0, 0
-    for person, data in people:
-        r = np.array(
-            [f[:, None] - s[candidates] for s, f in measured.frames(person.pose(data["weights"])[:, :n], data)]
-        )
+    for neutral, deltas, data in measured.people:
+        posed = neutral.astype(float) + np.tensordot(data["weights"], deltas, 1)
+        r = np.array([f[:, None] - s[candidates] for s, f in measured.frames(posed, data)])
         total, square, count = total + r.sum(axis=0), square + (r**2).sum(axis=(0, 3)), count + len(r)
         within = within + ((r - r.mean(axis=0)) ** 2).sum(axis=(0, 3))
     mean = total / count
@@ -180,9 +224,8 @@ def choose_vertices(measured: Measured) -> np.ndarray:
 def departures(measured: Measured, vertices: np.ndarray) -> tuple[np.ndarray, ...]:
     """Return departures (F, 956) in the head's plane, person numbers, coefficients and rotations of all frames."""
     r, who, weights, rotations = [], [], [], []
-    for k, file in enumerate(measured.files):
-        person, data = measured.person(file)
-        posed = person.neutral[vertices] + np.einsum("tb,blc->tlc", data["weights"], person.deltas[:, vertices])
+    for k, (neutral, deltas, data) in enumerate(measured.people):
+        posed = neutral[vertices] + np.tensordot(data["weights"], deltas[:, vertices], 1)
         r += [(found - seen).ravel() for seen, found in measured.frames(posed, data)]
         who += [k] * len(posed)
         weights.append(data["weights"])
@@ -196,7 +239,7 @@ def regress(r, who, weights, rotations):  # type: ignore[no-untyped-def]
     D = (who[:, None] == np.unique(who)[None]).astype(float)
     D_mean = (D / D.sum(axis=0)).T
     Xc, rc = X - D @ (D_mean @ X), r - D @ (D_mean @ r)
-    ridge = 3.0 * np.diag(np.r_[np.full(6, 0.05), np.ones(46)])
+    ridge = 3.0 * np.diag(np.r_[np.full(N_POSE_TERMS, 0.05), np.ones(46)])
     C = np.linalg.solve(Xc.T @ Xc + ridge, Xc.T @ rc)
     return C, D_mean @ (r - X @ C), rc - Xc @ C
 
@@ -224,15 +267,10 @@ def signals(face: Face, vertices: np.ndarray, response: np.ndarray) -> np.ndarra
     return np.array(columns).T
 
 
-def analyse(name: str, folder: Path, vertices_of: Path | None) -> None:
+def analyse(face: Face, folder: Path, people: Sequence[int], out: Path) -> None:
     """Turn the gathered numbers into the data file."""
-    face = load_face(name)
-    measured = Measured(face, folder)
-    if vertices_of is None:
-        vertices = choose_vertices(measured)
-    else:
-        with np.load(vertices_of) as data:
-            vertices = data["vertices"].astype(np.int32)
+    measured = Measured(face, folder, people)
+    vertices = choose_vertices(measured)
     r, who, weights, rotations = departures(measured, vertices)
     C, own, left = regress(r, who, weights, rotations)
     offset = own.mean(axis=0)
@@ -240,42 +278,52 @@ def analyse(name: str, folder: Path, vertices_of: Path | None) -> None:
     covariance = left.T @ left / (len(left) - len(own) - 52)
     covariance = 0.95 * covariance + 0.05 * np.diag(np.diag(covariance)) + 0.2**2 * np.eye(len(covariance))
     root = np.linalg.cholesky(covariance)
-    clear = solve_triangular(root, signals(face, vertices, C[6:]), lower=True)
+    clear = solve_triangular(root, signals(face, vertices, C[N_POSE_TERMS:]), lower=True)
     U = np.linalg.svd(clear, full_matrices=False)[0][:, :N_DIRECTIONS]
     whitening = solve_triangular(root, U, lower=True, trans="T").T
     modes = strength[:N_MODES, None] * directions[:N_MODES]
     half = np.float16
-    with write_atomically(DATA / f"dense478_{name}.npz") as path, path.open("wb") as file:
+    with write_atomically(out) as path, path.open("wb") as file:
         np.savez_compressed(
             file,
             vertices=vertices,
             offset=offset.reshape(-1, 2).astype(half),
-            pose_response=C[:6].reshape(6, -1, 2).astype(half),
-            expression_response=C[6:].reshape(46, -1, 2).astype(half),
+            pose_response=C[:N_POSE_TERMS].reshape(N_POSE_TERMS, -1, 2).astype(half),
+            expression_response=C[N_POSE_TERMS:].reshape(46, -1, 2).astype(half),
             person_modes=modes.reshape(len(modes), -1, 2).astype(half),
             whitening=whitening.astype(half),
             blendshape_names=np.array(face.blendshape_names),
             fingerprints=np.array([face.topology.fingerprint, face.skin().topology.fingerprint]),
+            people=np.asarray(people, dtype=np.int32),
             n_people=len(own),
             n_frames=len(left),
+            detector=detector_version(),
+            **SETTINGS,
         )
 
 
-def main() -> None:
-    """Run one of the two steps."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Gather, then analyse."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("step", choices=("gather", "analyse"))
-    parser.add_argument("face")
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--people", type=int, default=30)
-    parser.add_argument("--vertices", type=Path, help="take the vertices from this data file")
-    given = parser.parse_args()
-    given.folder.mkdir(parents=True, exist_ok=True)
-    if given.step == "gather":
-        gather(given.face, given.folder, given.first, given.people)
-    else:
-        analyse(given.face, given.folder, given.vertices)
+    parser.add_argument("face", choices=MEASURED_FACES)
+    parser.add_argument("--people", type=int, default=N_PEOPLE)
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--folder", type=Path, help="keep what was gathered here; forgotten where absent")
+    parser.add_argument("--out", type=Path, help="data file; the package's own where absent")
+    given = parser.parse_args(arguments)
+    out = given.out or DATA / f"dense478_{given.face}.npz"
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = given.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        people = range(given.people)
+        missing = [k for k in people if not person_file(given.face, folder, k).exists()]
+        work = partial(gather, given.face, folder)
+        if given.jobs > 1:
+            with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+                pool.map(work, missing, chunksize=1)
+        else:
+            list(map(work, missing))
+        analyse(load_face(given.face), folder, people, out)
 
 
 if __name__ == "__main__":
