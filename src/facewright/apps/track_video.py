@@ -6,7 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,6 @@ import numpy as np
 
 from facewright.apps.landmark_video import LandmarkVideo, find_video_landmarks
 from facewright.apps.performance_files import write_performance_csv
-from facewright.apps.track_gaze import track_gaze
 from facewright.apps.untracked_frames import fill_untracked, gaps_sentence
 from facewright.camera.rotation import head_angles_from_rotation
 from facewright.errors import NoFaceError, ValueRangeError
@@ -163,8 +162,7 @@ def track(
         raise NoFaceError(f"{choice.video} must show a face, none was found in any of its {T} frames.")
     with one_blas_thread():
         fit = VideoFitter(model).fit(video.track, progress=progress)
-    acted = replace(fit.performance, gaze=track_gaze(fit, video.track))
-    performance, gaps = fill_untracked(acted, video.track.cuts)
+    performance, gaps = fill_untracked(fit.performance, video.track.cuts)
     fitted = time.perf_counter()
     notes = list(video.notes)
     if video.info.quarter_turns:

@@ -1,80 +1,94 @@
-"""Where the eyes look in a video: irises against the corners of the eyes."""
+"""Where the eyes of a clip look: both eyes together, from the irises, held while the lids are closed."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d, median_filter
 
-from facewright.fitting.clip_person import FrameState
-from facewright.fitting.dense_model import ClipPerson, DenseModel
+from facewright.camera.pinhole import Intrinsics, RigidMotion
+from facewright.errors import MissingFaceError
+from facewright.faces.face import Face
+from facewright.fitting.gaze import find_gaze
+from facewright.landmarks.scheme import load_scheme
+from facewright.landmarks.track import LandmarkTrack
+from facewright.models.bilinear import BilinearModel
+from facewright.models.performance import Performance
 
-#: Points of ``mediapipe478``: corners and iris centre of the right and the left eye.
-_CORNERS = ((33, 133), (263, 362))
-_IRISES = (468, 473)
-#: The eyeball's centre behind the middle of the eye's corners, and the iris before it, millimetres.
-_CENTRE_BEHIND, _IRIS_BEFORE = 6.0, 10.5
-_FARTHEST = 0.7
-#: Eyes that are closed by more than this keep the gaze they had.
-_SHUT = 0.5
+#: Blink coefficient from which an eye shows too little of its iris.
+_CLOSED = 0.45
+#: Frames: outliers up to one, then noise.
+_MEDIAN, _SMOOTHING = 3, 0.8
 
 
-def frame_gaze(
-    model: DenseModel, points478: NDArray[np.floating], person: ClipPerson, state: FrameState
+def clip_gaze(
+    face: Face, neutral: NDArray[np.floating], intrinsics: Intrinsics, performance: Performance, track: LandmarkTrack
 ) -> NDArray[np.float64]:
-    """Return yaw and pitch (2,), radians, of both eyes, which turn together; zeros where the model lacks the points.
+    """Find the gaze in every frame of a fitted clip.
 
-    The detected irises are moved by what the corners of their eye are off the fit; the ray through each meets the
-    sphere on which the eyeball carries the iris.
-
-    Parameters
-    ----------
-    model : DenseModel
-        The model; only those of measured faces know the corners.
-    points478 : ndarray of shape (478, 2), pixels
-        Detected points.
-    person : ClipPerson
-        Who.
-    state : FrameState
-        Head and coefficients.
-    """
-    if model.points.n_points != len(points478):
-        return np.zeros(2)
-    found = np.asarray(points478, dtype=np.float64)
-    K, motion = state.pose.intrinsics, state.pose.motion
-    eye = motion.inverse().translation
-    axes = []
-    for corners, iris in zip(_CORNERS, _IRISES, strict=True):
-        ids = list(corners)
-        rest = person.neutral[ids].mean(axis=0)
-        predicted = K.project(motion.apply(person.neutral[ids])).mean(axis=0)
-        x, y = found[iris] - found[ids].mean(axis=0) + predicted
-        ray = motion.rotation.T @ np.array([(x - K.centre_x) / K.focal_x, (y - K.centre_y) / K.focal_y, 1.0])
-        ray /= np.linalg.norm(ray)
-        centre = rest - [0.0, 0.0, _CENTRE_BEHIND]
-        along = float((centre - eye) @ ray)
-        off2 = float(((eye + along * ray - centre) ** 2).sum())
-        axes.append(eye + (along - np.sqrt(max(_IRIS_BEFORE**2 - off2, 0.0))) * ray - centre)
-    axis = np.mean(axes, axis=0)
-    axis /= np.linalg.norm(axis)
-    return np.clip([np.arctan2(axis[0], axis[2]), np.arcsin(np.clip(axis[1], -1, 1))], -_FARTHEST, _FARTHEST)
-
-
-def keep_through_blinks(gaze: NDArray[np.float64], closure: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return gaze (T, 2) that closed eyes do not disturb: frames around a blink hold what was seen before it.
+    Each iris gives the turn of its eyeball (`facewright.fitting.gaze.find_gaze`). Both eyes turn together: the mean of
+    the two, and the clip's usual difference between them. Frames with closed eyes, or without a face, take the gaze
+    between their neighbours' within the shot.
 
     Parameters
     ----------
-    gaze : ndarray of shape (T, 2), radians
-        Measured.
-    closure : ndarray of shape (T,)
-        How far the eyes are closed.
+    face : Face
+        All parts of it.
+    neutral : ndarray of shape (V, 3), millimetres
+        The person at rest, all parts.
+    intrinsics : Intrinsics
+        The camera.
+    performance : Performance
+        Coefficients and poses of the clip.
+    track : LandmarkTrack
+        The points it was fitted to.
+
+    Returns
+    -------
+    ndarray of shape (T, 2, 2), radians
+        Yaw and pitch of the right and the left eyeball relative to the head; zero where no frame shows an open eye.
     """
-    shut = np.convolve(closure > _SHUT, np.ones(3), mode="same") > 0
-    seen = np.flatnonzero(~shut)
-    if not len(seen):
+    groups = load_scheme("mediapipe478").groups
+    irises = np.stack([track.points[:, groups[f"{side}_iris"]].mean(axis=1) for side in ("right", "left")], axis=1)
+    seen = track.tracked & (_blink(performance) < _CLOSED)
+    gaze = np.full((track.n_frames, 2, 2), np.nan)
+    for k in np.flatnonzero(seen):
+        pose = RigidMotion(performance.rotations[k], performance.translations[k])
+        gaze[k] = find_gaze(face, neutral, irises[k].astype(np.float64), intrinsics, pose)
+    if not seen.any():
         return np.zeros_like(gaze)
-    before = np.clip(np.searchsorted(seen, np.arange(len(gaze)), side="right") - 1, 0, len(seen) - 1)
-    held = gaze[seen[before]]
-    padded = np.pad(held, ((2, 2), (0, 0)), mode="edge")
-    windows = np.stack([padded[k : k + len(gaze)] for k in range(5)])
-    return np.median(windows, axis=0)  # eyes jump: the median of five frames keeps steps
+    apart = np.median(gaze[seen, 1] - gaze[seen, 0], axis=0)
+    both = gaze.mean(axis=1)
+    for shot in track.shots():
+        known = np.flatnonzero(seen[shot])
+        if not len(known):
+            both[shot] = np.median(both[seen], axis=0)
+            continue
+        for axis in range(2):
+            row = np.interp(np.arange(shot.stop - shot.start), known, both[shot, axis][known])
+            row = median_filter(row, size=min(_MEDIAN, len(row)), mode="nearest")
+            both[shot, axis] = gaussian_filter1d(row, _SMOOTHING, mode="nearest")
+    return np.stack([both - 0.5 * apart, both + 0.5 * apart], axis=1)
+
+
+def whole_face(model: BilinearModel, neutral: NDArray[np.floating]) -> tuple[Face, NDArray[np.float64]] | None:
+    """Return the face of a model with all parts, and a person on it, (V, 3); None where it is not installed."""
+    from facewright.faces import load_face
+    from facewright.faces.attach_parts import parts_attacher
+
+    try:
+        face = load_face(str(model.provenance.get("face", "")))
+    except MissingFaceError:
+        return None
+    vertices = np.asarray(neutral, dtype=np.float64)
+    if model.topology.fingerprint == face.topology.fingerprint:
+        return face, vertices
+    if model.topology.fingerprint == face.skin().topology.fingerprint:
+        return face, parts_attacher(face).neutral(vertices).astype(np.float64)
+    return None
+
+
+def _blink(performance: Performance) -> NDArray[np.float64]:
+    """Return the larger blink coefficient of each frame, (T,)."""
+    columns = [k for k, name in enumerate(performance.names) if name.startswith("eyeBlink")]
+    return performance.weights[:, columns].max(axis=1, initial=0.0)

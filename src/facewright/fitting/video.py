@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics
 from facewright.errors import DegenerateError, ValueRangeError
-from facewright.fitting.clip_gaze import frame_gaze, keep_through_blinks
+from facewright.fitting.clip_gaze import clip_gaze, whole_face
 from facewright.fitting.clip_person import (
     ClipPersonFitter,
     FrameState,
@@ -119,9 +119,8 @@ class VideoFit:
     identity : ClipIdentity
         Who.
     performance : Performance
-        What: absolute coefficients (all zero is the neutral), head motion, and gaze (zero is where the eyes usually
-        look in the clip). Frames without a face hold the last
-        expression for a moment and then ease to the neutral.
+        What: absolute coefficients (all zero is the neutral), head motion, and gaze (zero where the model's face is not
+        installed). Frames without a face hold the last expression for a moment and then ease to the neutral.
     residuals_iod : ndarray of shape (T,)
         Mean distance of the detected points from the fit's, as a share of the inter-ocular distance; NaN in frames
         without a face.
@@ -210,7 +209,7 @@ class VideoFitter:
         """
         who = identity or self.identity(track)
         T, B = track.n_frames, self.dense.n_shapes
-        weights, residuals, gaze = np.zeros((T, B)), np.full(T, np.nan), np.zeros((T, 2))
+        weights, residuals = np.zeros((T, B)), np.full(T, np.nan)
         rotations, translations = np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3))
         for run in _runs(track):
             for chunk, kept in _chunks(run):
@@ -220,18 +219,19 @@ class VideoFitter:
                 weights[kept] = beta[inner]
                 rotations[kept], translations[kept] = motion[0][inner], motion[1][inner]
                 for row in range(kept.start, kept.stop):
-                    state = states[row - chunk.start]
-                    residuals[row] = self._residual(track, who, row, state)
-                    gaze[row] = frame_gaze(self.dense, track.points[row], who.person, state)
+                    residuals[row] = self._residual(track, who, row, states[row - chunk.start])
         performance = Performance(
             times=track.times,
             names=self.dense.names,
             weights=np.clip(weights, 0.0, 1.0),
             rotations=rotations,
             translations=translations,
-            gaze=np.repeat(self._steady_gaze(track, who, gaze)[:, None], 2, axis=1),
+            gaze=np.zeros((T, 2, 2)),
             tracked=track.tracked.copy(),
         )
+        whole = whole_face(self.model, who.rig.neutral)
+        if whole is not None:
+            performance = replace(performance, gaze=clip_gaze(*whole, who.intrinsics, performance, track))
         return VideoFit(who, fill_gaps(performance), residuals)
 
     def _fit_chunk(
@@ -257,14 +257,6 @@ class VideoFitter:
             step = np.diff(track.times[chunk])
             beta = smooth_coefficients(hessians, slopes, beta, step, self.dense.names, self.options.smoothness)
         return [FrameState(state.pose, row) for state, row in zip(states, beta, strict=True)], beta
-
-    def _steady_gaze(self, track: LandmarkTrack, who: ClipIdentity, gaze: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return gaze (T, 2), held through blinks; zero is where the eyes usually look in the clip."""
-        steady, seen = np.zeros_like(gaze), track.tracked
-        closure = lid_closure(track.points[seen], who.open_eyes).max(axis=1)
-        held = keep_through_blinks(gaze[seen], closure)
-        steady[seen] = held - np.median(held, axis=0)
-        return steady
 
     def _residual(self, track: LandmarkTrack, who: ClipIdentity, row: int, state: FrameState) -> float:
         found = self.dense.detected(track.points[row])
