@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from fractions import Fraction
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +17,20 @@ from facewright.evaluation.performance_error import (
     head_jitter,
     jitter,
     lip_gaps,
+    point_distances,
     pose_degrees,
 )
+from facewright.evaluation.retarget_speed import retarget_speed
 from facewright.evaluation.simulated_video import FRAMES_PER_SECOND, IMAGE_SIZE, SimulatedVideo, simulate_video
+from facewright.evaluation.smaller_models import Tracker, smaller_trackers
 from facewright.faces.face import Face
-from facewright.faces.simulate import SimulatedPerson, simulate_person
+from facewright.faces.simulate import SimulatedPerson, simulate_person, simulate_population
 from facewright.fitting.video import VideoFit, VideoFitter
 from facewright.landmarks.contour import face_region
+from facewright.landmarks.scheme import load_scheme
 from facewright.landmarks.track import LandmarkTrack
 from facewright.landmarks.video_detector import VideoDetector
-from facewright.models.bilinear import BilinearModel
+from facewright.models.bilinear import BilinearModel, fit_bilinear
 from facewright.numeric.similarity import estimate_similarity
 
 Progress = Callable[[str, int, int], None]
@@ -39,6 +40,8 @@ N_PEOPLE, N_IDENTITY, N_EXPRESSION = 150, 50, 47
 _CLOSED_MM = 1.0
 #: Every so many frames are carried to another person.
 _TRANSFER_STEP = 5
+#: Where the fitted mesh is compared with the true one in the picture: groups of `fw74`.
+_PLACES = {"lips": ("outer_mouth", "inner_mouth"), "contour": ("contour",)}
 
 
 def run(
@@ -65,62 +68,60 @@ def run(
     seconds : float
         Length of the clips, 640 x 480 at 25 frames a second.
     model : BilinearModel, optional
-        Built from 150 other simulated people, 50 x 47, where absent.
+        Built from 150 other simulated people, 50 x 47, where absent, and then those of Fig. 12 beside it.
 
     Returns
     -------
     dict of str to float
-        What `coefficient_errors` says; ``recall_lips_closed``, the share of frames with the jaw open and the lips
-        closed whose estimate, on the estimated person, closes them too, and ``precision_lips_closed``; ``pose_deg``;
-        ``jitter_rest`` and ``jitter_motion``, mean absolute second differences of the coefficients while head and face
-        are still and while they move, and ``truth_jitter_motion`` (at rest truth has none); ``head_jitter_rest``,
-        ``head_jitter_motion``, ``truth_head_jitter_motion``, degrees per frame squared;
+        What `coefficient_errors` says, with zero coefficients (``neutral_``) beside; ``recall_lips_closed``, the share
+        of frames with the jaw open and the lips closed whose estimate, on the estimated person, closes them too, and
+        ``precision_lips_closed``; ``pose_deg``; ``jitter_rest`` and ``jitter_motion``, mean absolute second differences
+        of the coefficients while head and face are still and while they move, and ``truth_jitter_motion`` (at rest
+        truth has none); ``head_jitter_rest``, ``head_jitter_motion``, ``truth_head_jitter_motion``, degrees per frame
+        squared;
         ``identity_drift_mm``, RMS between the neutrals found from the two halves of a clip, and ``identity_mm``, of the
         neutral to the person's own, both after the best similarity, with ``mean_face_identity_mm``; ``tracked``;
-        ``landmark_residual_iod``; ``blendshape_transfer_mm``, ``bilinear_transfer_mm`` and ``neutral_transfer_mm``
-        (Fig. 14): RMS error of another person's motion driven by the coefficients, by w_exp, and not at all;
-        ``detect_ms``, ``fit_ms`` of one core a frame; ``track_fps``; and ``fps``, end to end onto a photo.
+        ``landmark_residual_iod``, of the detector's points, and against the truth ``lips_iod`` and ``contour_iod``, the
+        distance in the picture between the fitted and the true mesh's points; the same with ``_15x47`` and ``_150x10``,
+        and ``mean_correlation`` over the shape groups with each (Fig. 12); ``blendshape_transfer_mm``,
+        ``bilinear_transfer_mm`` and ``neutral_transfer_mm`` (Fig. 14): RMS error of another person's motion driven by
+        the coefficients, by w_exp, and not at all; ``detect_ms``, ``fit_ms`` of one core a frame and ``track_fps``; and
+        what `retarget_speed` says of the first clip: ``fps``.
     """
     if subjects < 1:
         raise ValueRangeError(f"subjects must be at least 1, got {subjects}.")
-    skin = face.skin()
+    others: dict[str, Tracker] = {}
     if model is None:
-        model = _build_model(skin, seed, progress)
+        model, others = _build_models(face.skin(), seed, progress)
     fitter = VideoFitter(model)
-    figures = _Figures(face, fitter)
-    with tempfile.TemporaryDirectory() as folder:
-        for k in range(subjects):
-            clip = simulate_video(face, np.random.default_rng((seed, 2, k)), seconds, rest_first=k % 2 == 0)
-            kept = Path(folder) / "clip.mp4" if k == 0 else None
-            track, detect_s = _track(clip, kept, progress, f"drawing clip {k + 1} of {subjects}")
-            other = simulate_person(face, np.random.default_rng((seed, 3, k)))
-            figures.add(clip, track, detect_s, other)
-        metrics = figures.metrics()
-        fps = _frames_per_second(Path(folder), model, progress)
-    return metrics if fps is None else metrics | {"fps": fps}
+    figures = _Figures(face, fitter, _Tracked(face, Tracker(fitter, np.eye(len(face.blendshape_names)))))
+    smaller = {name: _Tracked(face, tracker) for name, tracker in others.items()}
+    kept: list[NDArray[np.uint8]] = []
+    for k in range(subjects):
+        clip = simulate_video(face, np.random.default_rng((seed, 2, k)), seconds, rest_first=k % 2 == 0)
+        track, detect_s = _track(clip, kept if k == 0 else None, progress, f"drawing clip {k + 1} of {subjects}")
+        other = simulate_person(face, np.random.default_rng((seed, 3, k)))
+        figures.add(clip, track, detect_s, other)
+        for each in smaller.values():
+            each.add(clip, each.tracker.fitter.fit(track))
+    metrics = figures.metrics()
+    for name, each in smaller.items():
+        metrics |= {f"{key}_{name}": value for key, value in each.metrics().items()}
+    return metrics | retarget_speed(np.array(kept), FRAMES_PER_SECOND, model, progress)
 
 
 def _track(
-    clip: SimulatedVideo, kept: Path | None, progress: Progress | None, stage: str
+    clip: SimulatedVideo, kept: list[NDArray[np.uint8]] | None, progress: Progress | None, stage: str
 ) -> tuple[LandmarkTrack, float]:
-    """Draw a clip and find its points; returns the detector's processor time too. Optionally keeps the video."""
-    from contextlib import ExitStack
-
-    from facewright.io.video_writer import FrameClock, VideoWriter
-
+    """Draw a clip and find its points; returns the detector's processor time too. Optionally keeps the pictures."""
     found, seconds = [], 0.0
-    with ExitStack() as stack:
-        detector = stack.enter_context(VideoDetector())
-        writer = None
-        if kept is not None:
-            clock = FrameClock(clip.performance.times, Fraction(FRAMES_PER_SECOND))
-            writer = stack.enter_context(VideoWriter(kept, IMAGE_SIZE[1], IMAGE_SIZE[0], clock))
+    with VideoDetector() as detector:
         for k, image in enumerate(clip.images()):
             start = time.process_time()
             found.append(detector.detect(image))
             seconds += time.process_time() - start
-            if writer is not None:
-                writer.write(image)
+            if kept is not None:
+                kept.append(image)
             if progress is not None:
                 progress(stage, k + 1, clip.n_frames)
     track = LandmarkTrack.of(
@@ -130,13 +131,46 @@ def _track(
 
 
 @dataclass
+class _Tracked:
+    """Coefficients and places found in the clips with one model, beside the truth."""
+
+    face: Face
+    tracker: Tracker
+    found: list[NDArray[np.float64]] = field(default_factory=list)
+    truth: list[NDArray[np.float64]] = field(default_factory=list)
+    places: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
+
+    def add(self, clip: SimulatedVideo, fit: VideoFit) -> None:
+        """Compare the fit of a clip with its truth."""
+        self.found.append(self.tracker.coefficients(fit.performance.weights))
+        self.truth.append(clip.performance.weights)
+        scheme, ids = load_scheme("fw74"), np.asarray(self.face.topology.landmarks["fw74"])
+        eyes = [ids[scheme.groups[name]] for name in ("right_eye", "left_eye")]
+        for name, groups in _PLACES.items():
+            chosen = np.concatenate([ids[scheme.groups[group]] for group in groups])
+            self.places.setdefault(f"{name}_iod", []).append(
+                point_distances(clip.person, clip.performance, clip.intrinsics, fit, chosen, eyes)
+            )
+
+    def errors(self) -> dict[str, float]:
+        """Return what `coefficient_errors` says."""
+        return coefficient_errors(np.concatenate(self.found), np.concatenate(self.truth), self.face.blendshape_names)
+
+    def metrics(self) -> dict[str, float]:
+        """Return the mean correlation over the groups of shapes, and the places' mean distances."""
+        errors = self.errors()
+        correlations = [value for name, value in errors.items() if name.startswith("correlation_")]
+        means = {name: float(np.mean(np.concatenate(parts))) for name, parts in self.places.items()}
+        return {"mean_correlation": float(np.mean(correlations)), "active_mae": errors["active_mae"]} | means
+
+
+@dataclass
 class _Figures:
     """What is measured on each clip."""
 
     face: Face
     fitter: VideoFitter
-    found: list[NDArray[np.float64]] = field(default_factory=list)
-    truth: list[NDArray[np.float64]] = field(default_factory=list)
+    whole: _Tracked
     frames: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
     clips: dict[str, list[float]] = field(default_factory=dict)
     gaps: list[NDArray[np.float64]] = field(default_factory=list)
@@ -147,8 +181,7 @@ class _Figures:
         fit = self.fitter.fit(track)
         fit_s = time.process_time() - start
         ours, true = fit.performance, clip.performance
-        self.found.append(ours.weights)
-        self.truth.append(true.weights)
+        self.whole.add(clip, fit)
         everywhere = np.ones(track.n_frames, bool)
         moving = ~clip.rest
         for name, values in {
@@ -217,8 +250,7 @@ class _Figures:
 
     def metrics(self) -> dict[str, float]:
         """Return the means over all frames and clips."""
-        names = self.fitter.dense.names
-        result = coefficient_errors(np.concatenate(self.found), np.concatenate(self.truth), names)
+        result = self.whole.errors() | self.whole.metrics()
         if self.gaps:
             ours, true, jaw = np.concatenate(self.gaps).T
             sealed, claimed = (true < _CLOSED_MM) & (jaw > 0.1), (ours < 2.0 * _CLOSED_MM) & (jaw > 0.1)
@@ -233,34 +265,10 @@ class _Figures:
         return result
 
 
-def _frames_per_second(folder: Path, model: BilinearModel, progress: Progress | None) -> float | None:
-    """Retarget the first clip onto scikit-image's astronaut from end to end; None where a part is not installed."""
-    from facewright.apps.animate import PhotoChoice
-    from facewright.apps.retarget import RetargetRequest, retarget
-    from facewright.apps.track_video import VideoChoice
-    from facewright.models.bilinear_store import save_bilinear
-
-    try:
-        from skimage import data
-    except ImportError:
-        return None
-    from PIL import Image
-
-    photo, stored = folder / "photo.png", folder / "model.fwbm"
-    Image.fromarray(data.astronaut()).save(photo)
-    save_bilinear(model, stored)
-    request = RetargetRequest(
-        VideoChoice(folder / "clip.mp4"), PhotoChoice(photo, model=stored), folder / "retargeted.mp4"
-    )
-    return float(retarget(request, progress).numbers["fps"])
-
-
-def _build_model(skin: Face, seed: int, progress: Progress | None) -> BilinearModel:
-    from facewright.faces.simulate import simulate_population
-    from facewright.models.bilinear import fit_bilinear
-
+def _build_models(skin: Face, seed: int, progress: Progress | None) -> tuple[BilinearModel, dict[str, Tracker]]:
+    """Return the model of 150 people x 47 shapes and the smaller ones of Fig. 12."""
     tensor = simulate_population(skin, N_PEOPLE, np.random.default_rng((seed, 0)), progress)
-    return fit_bilinear(
+    model = fit_bilinear(
         tensor,
         N_IDENTITY,
         N_EXPRESSION,
@@ -269,6 +277,7 @@ def _build_model(skin: Face, seed: int, progress: Progress | None) -> BilinearMo
         provenance={"face": skin.name},
         progress=progress,
     )
+    return model, smaller_trackers(skin, tensor, N_IDENTITY)
 
 
 __all__ = ["SHAPE_GROUPS", "run"]

@@ -23,7 +23,9 @@ FRAMES_PER_SECOND = 25.0
 #: Height of the head (about 240 mm), at 650 mm, as a share of the picture's height.
 _HEAD_SHARE = (0.62, 0.78)
 _HEAD_MM, _DISTANCE_MM = 240.0, 650.0
-#: Standard deviation of the camera's noise, of 255 levels.
+#: Standard deviation of the camera's blur, which softens edges drawn at one sample a pixel, and of its noise, of 255
+#: levels.
+_BLUR_PIXELS = 0.5
 _NOISE_LEVELS = 2.0
 
 
@@ -82,24 +84,27 @@ class SimulatedVideo:
         albedo, gloss = albedo_function(self.face, look, faces), vertex_gloss(self.face)
         lights = Lights(look.light_directions, look.light_colours, look.sky, look.ground)
         rng = np.random.default_rng(self.seed)
+        wall = _blurred(self.background)
         for frame in range(self.n_frames):
             seen = self.motion(frame).apply(self.vertices(frame))
             pixels = self.intrinsics.project(seen)
             box = _box(pixels, IMAGE_SIZE)
-            image = self.background.copy()
-            part = image[box]
-            part[:] = render_mesh(
+            behind = self.background[box]
+            drawn = render_mesh(
                 seen,
                 pixels - [box[1].start, box[0].start],
                 faces,
-                (part.shape[0], part.shape[1]),
+                (behind.shape[0], behind.shape[1]),
                 albedo=albedo,
                 lights=lights,
-                background=part.copy(),
+                background=behind,
                 shininess=gloss,
+                supersample=1,
             ).image
-            noisy = image + _NOISE_LEVELS * rng.standard_normal(image.shape, dtype=np.float32)
-            yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+            image = wall.copy()
+            image[box] = _blurred(drawn)
+            image += _NOISE_LEVELS * rng.standard_normal(image.shape, dtype=np.float32)
+            yield np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
 
 def simulate_video(face: Face, rng: np.random.Generator, seconds: float = 10.0, *, rest_first: bool) -> SimulatedVideo:
@@ -147,6 +152,11 @@ def _background(tone: tuple[int, int, int], rng: np.random.Generator) -> NDArray
     for column in rng.integers(0, width, 4):
         picture[:, column:] += rng.uniform(-25, 25)
     return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+
+
+def _blurred(image: NDArray[np.uint8]) -> NDArray[np.float32]:
+    blurred: NDArray[np.float32] = ndimage.gaussian_filter(image.astype(np.float32), (_BLUR_PIXELS, _BLUR_PIXELS, 0))
+    return blurred
 
 
 def _box(pixels: NDArray[np.float64], size: tuple[int, int]) -> tuple[slice, slice]:

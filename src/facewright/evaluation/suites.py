@@ -58,7 +58,11 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
         "ssim": (">", "paste_ssim"),
         "asymmetric_psnr_db_150x47": (">", "asymmetric_psnr_db_15x10"),
     },
-    "retarget": {"fps": (">=", 15.0), "coefficient_mae": ("<", "neutral_mae")},
+    "retarget": {
+        "fps": (">=", 15.0),
+        "coefficient_mae": ("<", "neutral_mae"),
+        "active_mae": ("<", "neutral_active_mae"),
+    },
 }
 
 
