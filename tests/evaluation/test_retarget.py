@@ -20,10 +20,16 @@ def test_measures_every_key_of_the_issue(builtin_face):
     from facewright.evaluation.retarget import run
 
     metrics = run(builtin_face, 5, subjects=1, seconds=3.0, model=default_model())
-    for key in ("coefficient_mae", "neutral_mae", "pose_deg", "jitter_motion", "truth_jitter_motion", "fps"):
-        assert np.isfinite(metrics[key])
+    assert np.isfinite(list(metrics.values())).all()
+    for key in ("neutral_mae", "neutral_active_mae", "truth_jitter_motion", "jitter_rest", "fps", "lips_iod"):
+        assert metrics[key] > 0.0
+    for group in ("blink", "cheek_puff", "cheek_squint", "nose", "brows", "smile"):
+        assert f"correlation_{group}" in metrics and f"recall_{group}" in metrics
+    assert metrics["active_mae"] < metrics["neutral_active_mae"]
     assert metrics["pose_deg"] < 6.0 and metrics["tracked"] == 1.0
     assert metrics["correlation_blink"] > 0.5 and metrics["landmark_residual_iod"] < 0.04
+    assert metrics["lips_iod"] < 0.08 and metrics["contour_iod"] < 0.10
     assert metrics["jitter_motion"] < 4 * metrics["truth_jitter_motion"]
     assert metrics["identity_drift_mm"] < 3.0
     assert metrics["blendshape_transfer_mm"] > 0 and metrics["bilinear_transfer_mm"] > 0
+    assert metrics["track_fps"] > 0

@@ -1,8 +1,11 @@
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from facewright.camera.rotation import head_angles_from_rotation
-from facewright.evaluation.performance_error import coefficient_errors, head_jitter, jitter, lip_gaps
+from facewright.evaluation.performance_error import coefficient_errors, head_jitter, jitter, lip_gaps, point_distances
 from facewright.evaluation.simulated_performance import simulate_performance
 from facewright.evaluation.simulated_video import IMAGE_SIZE, simulate_video
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
@@ -49,10 +52,34 @@ def test_errors_by_group_are_told_apart():
     assert good["recall_blink"] == 1.0 and good["precision_blink"] == 1.0
     assert good["correlation_blink"] == pytest.approx(1.0)
     assert good["coefficient_mae"] == pytest.approx(0.4 * good["neutral_mae"])
+    assert good["active_mae"] == pytest.approx(0.4) and good["neutral_active_mae"] == 1.0 and good["resting_mae"] == 0.0
     none = coefficient_errors(np.zeros_like(truth), truth, names)
     assert none["recall_blink"] == 0.0 and none["correlation_blink"] == 0.0 and "precision_blink" not in none
     false = coefficient_errors(truth[:, ::-1], truth, names)
     assert false["recall_blink"] == 0.0 and false["coefficient_mae"] > good["neutral_mae"]
+    assert false["resting_mae"] > 0.0
+    assert "active_mae" not in coefficient_errors(half, np.zeros_like(truth), names)
+
+
+def test_distances_in_the_picture(builtin_face, rng):
+    clip = simulate_video(builtin_face, rng, 0.2, rest_first=False)
+    person = clip.person
+    rig = SimpleNamespace(neutral=person.neutral, deltas=person.deltas)
+    identity = SimpleNamespace(rig=rig, intrinsics=clip.intrinsics)
+    ids = builtin_face.topology.landmarks["ibug68"]
+    eyes = ids[36:42], ids[42:48]
+
+    def distances(performance):
+        fit = SimpleNamespace(identity=identity, performance=performance)
+        return point_distances(person, clip.performance, clip.intrinsics, fit, ids[48:], eyes)
+
+    np.testing.assert_allclose(distances(clip.performance), 0.0, atol=1e-7)
+    # a head 1 mm to the side is 1 mm of about 60 off
+    aside = replace(clip.performance, translations=clip.performance.translations + [1.0, 0.0, 0.0])
+    assert distances(aside).shape == (clip.n_frames,)
+    assert (distances(aside) > 0.010).all() and (distances(aside) < 0.025).all()
+    still = replace(clip.performance, weights=np.zeros_like(clip.performance.weights))
+    assert distances(still).max() > 0.003
 
 
 def test_jitter_and_lips():
