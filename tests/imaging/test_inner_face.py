@@ -1,3 +1,5 @@
+import time
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from facewright.imaging.inner_parts import eyeball, rigid_motion, sphere_centre,
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.render import Lights, render_mesh
 from facewright.imaging.synthesis import PhotoSynthesiser
+from facewright.imaging.wide_blur import block_means
 
 SIZE = (300, 300)
 SMILE = {name: 0.8 for name in ("mouthSmile_L", "mouthSmile_R", "mouthUpperUp_L", "mouthUpperUp_R")}
@@ -201,6 +204,33 @@ def test_parts_outside_the_photo_are_left_out(person):
     image = upper.copy()
     InnerFace.of(upper, source, person.face).paint(image, target)
     assert (image != upper).any()
+
+
+def test_an_unchanged_view_with_its_own_gaze_is_the_photo(person):
+    gaze = np.array([[0.22, -0.1], [0.18, -0.12]])
+    source = person.view(turned=gaze)
+    photo = person.photo(source)
+    image, touched = photo.copy(), np.zeros(SIZE, bool)
+    InnerFace.of(photo, source, person.face, gaze=gaze).paint(image, source, gaze, touched)
+    assert not touched.any()
+    np.testing.assert_array_equal(image, photo)
+
+
+def test_a_face_of_two_thousand_pixels_takes_seconds_and_looks_the_same(person, neutral):
+    photo, source, inner = neutral
+    target, n = person.view(jawOpen=0.5, **BLINK), 8
+
+    def larger(view):
+        return MeshView((view.pixels + 0.5) * n - 0.5, view.camera_vertices)
+
+    large = np.ascontiguousarray(photo.repeat(n, axis=0).repeat(n, axis=1))
+    assert np.ptp(larger(source).pixels[person.face.topology.masks["face_region"], 1]) > 2000
+    image = photo.copy()
+    inner.paint(image, target)
+    start = time.process_time()
+    InnerFace.of(large, larger(source), person.face).paint(large, larger(target))
+    assert time.process_time() - start < 12.0
+    assert psnr(block_means(large.astype(np.float32), n), image) > 32.0
 
 
 def test_other_sizes_are_refused(person, neutral):

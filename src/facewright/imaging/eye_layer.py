@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
+from facewright.imaging.wide_blur import wide_blur
 
 #: Shadow of the upper lid on the eyeball: its depth and how fast it fades downwards.
 LID_SHADOW, LID_SHADOW_MM = 0.42, 1.6
@@ -195,8 +196,8 @@ def _sclera(
     colour = np.percentile(bare[known], 60, axis=0).astype(np.float32)
     weight = known.astype(np.float32)
     sigma = max(1.0, 1.5 * px_per_mm)
-    mass = ndimage.gaussian_filter(weight, sigma)[..., None] + 0.03
-    moment = ndimage.gaussian_filter(bare * weight[..., None], (sigma, sigma, 0)) + 0.03 * colour
+    mass = wide_blur(weight, sigma)[..., None] + 0.03
+    moment = wide_blur(bare * weight[..., None], sigma) + 0.03 * colour
     return np.asarray(moment / mass, np.float32)
 
 
@@ -233,8 +234,8 @@ def _lit_like(
         return disc
     ratio = np.clip((bare + 4) / (disc + 4), 0.5, 2.0) * known[..., None]
     sigma = max(0.8, 0.35 * size)
-    mass = ndimage.gaussian_filter(known.astype(np.float32), sigma)[..., None] + 0.01
-    smooth = (ndimage.gaussian_filter(ratio, (sigma, sigma, 0)) + 0.01) / mass
+    mass = wide_blur(known.astype(np.float32), sigma)[..., None] + 0.01
+    smooth = (wide_blur(ratio, sigma) + 0.01) / mass
     return np.asarray(disc * np.clip(smooth, 0.6, 1.6), np.float32)
 
 

@@ -57,7 +57,7 @@ class _Eyeball(NamedTuple):
     ids: NDArray[np.intp]
     then: NDArray[np.float64]  # (N, 3) in the camera's axes
     centre: NDArray[np.float64]
-    affine: NDArray[np.float64]  # (4, 2) from about the centre to pixels
+    affine: NDArray[np.float64]  # (3, 2) from steps in the camera's axes to steps in pixels
     back: NDArray[np.float64]  # (3, 3) from the camera's axes to those of an eyeball that looks ahead
 
 
@@ -310,13 +310,14 @@ class InnerFace:
             centre = sphere_centre(then)
             if self._gaze is None:
                 iris = self.source.camera_vertices[self.face.topology.masks[f"iris_{side}"]].mean(axis=0)
-                x, y, z = head.T @ (iris - centre)
+                globe = sphere_centre(then[(then - centre) @ (iris - centre) < 0])  # the cornea is no part of it
+                x, y, z = head.T @ (iris - globe)
                 own = np.array([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
             else:
                 own = self._gaze[SIDES.index(side)]
             design = np.column_stack([then - centre, np.ones(len(then))])
             affine, *_ = np.linalg.lstsq(design, self.source.pixels[ids], rcond=None)
-            found[side] = _Eyeball(ids, then, centre, affine, turn_of_gaze(own).T @ head.T)
+            found[side] = _Eyeball(ids, then, centre, affine[:3], turn_of_gaze(own).T @ head.T)
         return found
 
     def _head_turn(self, target: MeshView) -> NDArray[np.float64]:
@@ -335,7 +336,7 @@ class InnerFace:
         # from the eyeball as the photo has it to the wanted one
         turn = self._head_turn(target) @ turn_of_gaze(gaze) @ ball.back
         back = (now - (own @ ball.centre + shift)) @ turn
-        return np.asarray(back @ ball.affine[:3] + ball.affine[3])
+        return np.asarray(self.source.pixels[ball.ids] + (back - (ball.then - ball.centre)) @ ball.affine)
 
 
 def _own_motion(source: OpeningSource, pixels: NDArray[np.float64]) -> float:

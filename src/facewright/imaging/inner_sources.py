@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from facewright.faces.face import Face
 from facewright.imaging._inner_kernels import N_MOUTH_COLUMNS, upper_edges
@@ -19,6 +18,7 @@ from facewright.imaging.mouth_layer import MouthLayers, mouth_layers, trim_lips
 from facewright.imaging.photo_light import PhotoLight
 from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.imaging.skin_layer import skin_layer
+from facewright.imaging.wide_blur import wide_blur
 
 #: sRGB of teeth, gums and tongue, and of the mouth's walls, in white light.
 _TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.50, 0.18, 0.17)
@@ -248,6 +248,6 @@ def _fine(photo: NDArray[np.uint8], scale: float) -> NDArray[np.float32]:
     """Return pores and grain of a cut-out of the photo, without its lines and edges: (h, w, 3) about 0."""
     values = photo.astype(np.float32)
     sigma = max(1.0, 0.6 * scale)
-    fine = values - ndimage.gaussian_filter(values, (sigma, sigma, 0))
+    fine = values - wide_blur(values, sigma)
     limit = 3.0 * np.median(np.abs(fine))
     return np.asarray(np.clip(fine, -limit, limit), np.float32)

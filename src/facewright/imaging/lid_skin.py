@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
@@ -16,6 +16,7 @@ from facewright.imaging.inner_parts import SKIN, Opening, paint_map
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.photo_light import PhotoLight, harmonics
 from facewright.imaging.texture import sample_bilinear
+from facewright.imaging.wide_blur import wide_blur
 from facewright.mesh.connectivity import vertex_adjacency
 
 _LASH_MM = 1.6  # so close to the lash line the photo shows lashes
@@ -243,7 +244,7 @@ def _continued(
     x0, y0 = np.clip(lo - 4, 0, np.array(photo.shape[1::-1]) - 1)
     x1, y1 = np.clip(hi + 5, 1, np.array(photo.shape[1::-1]))
     sigma = max(0.6, 0.5 * px_per_mm)
-    crop = ndimage.gaussian_filter(photo[y0:y1, x0:x1].astype(np.float32), (sigma, sigma, 0))
+    crop = wide_blur(photo[y0:y1, x0:x1].astype(np.float32), sigma)
     sampled = sample_bilinear(crop, pixels - (x0, y0)).astype(np.float64)
     brightness = np.log(sampled.mean(axis=1) + 5.0)
     sure = clean > 0.5

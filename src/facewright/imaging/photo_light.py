@@ -14,6 +14,7 @@ from facewright.imaging.colour import linear_from_srgb
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.rasterise import rasterise
 from facewright.imaging.render import Lights
+from facewright.imaging.wide_blur import block_means
 from facewright.mesh.normals import vertex_normals
 from facewright.numeric.check import check_shape
 
@@ -182,9 +183,12 @@ def _blurred_linear(
     x0, y0 = max(int(x.min() - 3 * step) - 1, 0), max(int(y.min() - 3 * step) - 1, 0)
     crop = photo[y0 : int(y.max() + 3 * step) + 2, x0 : int(x.max() + 3 * step) + 2]
     linear = linear_from_srgb(crop.astype(np.float32) / 255.0)
+    n = max(1, int(step / 4))  # of a large face a smaller copy tells as much
+    if n > 1:
+        linear = block_means(linear, n)
     if step > 1:
-        linear = ndimage.gaussian_filter(linear, (0.5 * step, 0.5 * step, 0))
-    places = [y - y0, x - x0]
+        linear = ndimage.gaussian_filter(linear, (0.5 * step / n, 0.5 * step / n, 0))
+    places = [(y - y0 - 0.5 * (n - 1)) / n, (x - x0 - 0.5 * (n - 1)) / n]
     return np.stack(
         [ndimage.map_coordinates(linear[..., k], places, order=1, mode="nearest") for k in range(3)], axis=1
     ).astype(np.float64)

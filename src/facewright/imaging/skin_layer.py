@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from facewright.imaging.wide_blur import wide_blur
+
 
 def skin_layer(
     photo: NDArray[np.uint8],
@@ -59,23 +61,25 @@ def skin_layer(
     filled = np.flatnonzero(count)
     middle = np.interp(np.arange(out.shape[1]), filled, (rows * out).sum(axis=0)[filled] / count[filled])
     above, below = source & (rows < middle), source & (rows >= middle)
-    upper = _continued(values, above if above.any() else source)
-    lower = _continued(values, below if below.any() else source)
-    side = np.clip(rows - middle + 0.5, 0, 1)[..., None].astype(np.float32)
-    picture = np.where(out[..., None], upper + (lower - upper) * side, values)
-    return np.ascontiguousarray(picture, np.float32)
+    upper = _continued(values, above if above.any() else source, out)
+    lower = _continued(values, below if below.any() else source, out)
+    side = np.clip(rows - middle + 0.5, 0, 1)[out][:, None].astype(np.float32)
+    values[out] = upper + (lower - upper) * side
+    return np.ascontiguousarray(values)
 
 
-def _continued(values: NDArray[np.float32], known: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Continue the known pixels: near them by their nearest, farther away ever smoother."""
-    away, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
-    result = ndimage.gaussian_filter(values[tuple(nearest)], (0.8, 0.8, 0))
+def _continued(values: NDArray[np.float32], known: NDArray[np.bool_], wanted: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Continue the known pixels to the N wanted ones, (N, 3): near by their nearest, farther away ever smoother."""
+    distance, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
+    result = ndimage.gaussian_filter(values[tuple(nearest)], (0.8, 0.8, 0))[wanted]
+    away = distance[wanted].astype(np.float32)[:, None]
     weight = known.astype(np.float32)
+    weighted = values * weight[..., None]
     sigma = 2.0
     while sigma < away.max():
-        mass = ndimage.gaussian_filter(weight, sigma, truncate=5.0)[..., None]
-        mean = ndimage.gaussian_filter(values * weight[..., None], (sigma, sigma, 0), truncate=5.0)
-        share = np.where(mass > 1e-4, np.clip((away / sigma - 0.5) / 0.7, 0, 1)[..., None], 0.0)
+        mass = wide_blur(weight, sigma, truncate=5.0)[wanted][:, None]
+        mean = wide_blur(weighted, sigma, truncate=5.0)[wanted]
+        share = np.where(mass > 1e-4, np.clip((away / sigma - 0.5) / 0.7, 0, 1), 0.0)
         result += share * (mean / np.maximum(mass, 1e-4) - result)
         sigma *= 1.6
     return np.asarray(result, np.float32)
