@@ -146,6 +146,33 @@ def test_another_expression_and_gaze(subject, builtin_face):
     assert aside[builtin_face.topology.masks["iris_left"], 0].mean() > 2.0
 
 
+def test_a_blink_and_raised_brows_leave_skull_ears_and_neck_exactly_still(subject, builtin_face):
+    """The small model's shapes move everything: what is far from the eyes is the noise of its compression."""
+    mean, n = builtin_face.mean_shape, builtin_face.n_skin
+    front = mean[builtin_face.topology.masks["face_region"]]
+    beyond = np.linalg.norm(mean[:n, None] - front[None], axis=2).min(axis=1) > 10.0
+    rest = subject.vertices(weights=np.zeros(46))
+    for prefix in ("eyeBlink", "browInnerUp", "browOuterUp", "eyeWide"):
+        weights = np.array([float(name.startswith(prefix)) for name in subject.rig.names])
+        moved = np.abs(subject.vertices(weights=weights) - rest)[:n]
+        assert moved.max() > 0.5
+        assert not moved[beyond].any()
+    noise = np.abs(subject.fit.rig.deltas[subject.rig.names.index("eyeBlink_L"), :n][beyond])
+    assert noise.max() > 0  # else this could not fail
+
+
+def test_lids_and_lips_meet_as_in_the_model(whole_model, scene, builtin_face):
+    subject = opened(scene, whole_model)
+    masks, raw = builtin_face.topology.masks, subject.fit.rig
+    for name, what in (
+        ("eyeBlink_L", "lid_contact_{}_left"), ("eyeBlink_R", "lid_contact_{}_right"), ("jawOpen", "lip_contact_{}"),
+        ("mouthSmile_L", "lip_contact_{}"), ("mouthPucker", "lip_contact_{}"), ("mouthClose", "lip_contact_{}"),
+    ):  # fmt: skip
+        upper, lower = masks[what.format("upper")], masks[what.format("lower")]
+        gap, was = (v[upper] - v[lower] for v in (subject.rig.shape(name), raw.shape(name)))
+        np.testing.assert_allclose(gap, was, atol=0.15)  # millimetres
+
+
 def test_residual_turns_with_the_head(subject, builtin_face):
     motion = subject.camera_from_model
     turn = rotation_from_head_angles(0, 0, 40) @ rotation_from_head_angles(0, 0, 0).T

@@ -111,6 +111,19 @@ def test_the_background_keeps_its_bits_and_touched_says_where(scene, subject):
     np.testing.assert_array_equal(at[~result.touched], np.stack([x, y], axis=-1)[~result.touched])
 
 
+def test_a_blink_leaves_hair_and_background_to_the_bit(scene):
+    """Nothing breathes: the head's outline stays, so what lies beyond it does."""
+    source = scene.view(scene.expression())
+    photo = scene.render(source)
+    target = scene.view(scene.expression(eyeBlink_L=1.0, eyeBlink_R=1.0))
+    touched = PhotoSynthesiser(photo, source, scene.face).draw(target).touched
+    front = source.pixels[scene.face.topology.masks["face_region"]]
+    (x0, y0), (x1, y1) = front.min(axis=0).astype(int), front.max(axis=0).astype(int)
+    assert touched[y0:y1, x0:x1].sum() > 500
+    touched[y0:y1, x0:x1] = False
+    assert touched.sum() < 100  # pixels of crow's feet beside the temples
+
+
 def test_golden(scene, subject, golden):
     _, _, synthesiser = subject
     target = scene.view(scene.expression(mouthSmile_L=1.0, mouthSmile_R=1.0, browInnerUp_L=0.7), (9, 3, -4))

@@ -320,16 +320,24 @@ def _residual(subject: PhotoSubject, vertices: NDArray[np.float64]) -> NDArray[n
 
 
 def _complete_rig(fit: PhotoFit, face: Face) -> tuple[BlendshapeRig, PartsAttacher | None]:
-    """Return the rig of all parts, and what completes skins where the model holds only the skin."""
+    """Return the rig of all parts, and what completes skins where the model holds only the skin.
+
+    Far from where a shape moves a face, what the model says of it is the noise of its compression, tenths of a
+    millimetre: ears, hair and neck would breathe with every blink.
+    """
+    from facewright.faces.shape_support import shape_support
+
+    rig = fit.rig
+    rows = [face.blendshape_names.index(name) for name in rig.names]
+    local = rig.deltas * shape_support(face)[rows, : len(rig.neutral), None]
     if fit.model.n_vertices == face.topology.n_vertices:
-        return fit.rig, None
+        return BlendshapeRig(rig.neutral, rig.names, local), None
     from facewright.faces.attach_parts import parts_attacher
 
     attacher = parts_attacher(face)
-    skin = fit.rig
-    neutral = attacher.neutral(skin.neutral)
-    deltas = attacher.blendshapes(neutral, skin.deltas, np.ones(len(skin.names)))
-    return BlendshapeRig(neutral.astype(np.float32), skin.names, deltas.astype(np.float32)), attacher
+    neutral = attacher.neutral(rig.neutral)
+    deltas = attacher.blendshapes(neutral, local, np.ones(len(rig.names)))
+    return BlendshapeRig(neutral.astype(np.float32), rig.names, deltas.astype(np.float32)), attacher
 
 
 def _face_of(model: BilinearModel) -> Face:

@@ -47,6 +47,7 @@ def gather_skin(  # type: ignore[no-untyped-def]
             if f >= 0 and kinds[f] != _BODY:
                 layer[y, x] = kinds[f]
     t_rows, t_cols = outline.shape[:2]
+    known = np.float32(1.5) * max(np.float32(1), 1 / table[2])
     for y in range(height):
         i = (y + origin[1]) // step - window[0]
         for x in range(width):
@@ -86,7 +87,12 @@ def gather_skin(  # type: ignore[no-untyped-def]
                 tx = min(max(int(np.rint((sx - table[0]) * table[2])), 0), t_cols - 1)
                 ty = min(max(int(np.rint((sy - table[1]) * table[2])), 0), t_rows - 1)
                 ex, ey = outline[ty, tx, 0], outline[ty, tx, 1]
-                away = ((ex - sx) ** 2 + (ey - sy) ** 2) / (far * far)
+                slide = (ex - sx) ** 2 + (ey - sy) ** 2
+                away = slide / (far * far)
+                # an outline is known to a pixel or an entry of its table: what stays on it does not slide
+                t = min(max(np.sqrt(slide) / known - np.float32(0.5), np.float32(0)), np.float32(1))
+                t *= t * (np.float32(3) - np.float32(2) * t)
+                ex, ey = sx + t * (ex - sx), sy + t * (ey - sy)
                 ends = wa * attributes[a, 4] + wb * attributes[b, 4] + wc * attributes[c, 4]
                 weight = np.float32(np.exp(-away)) * firm * ends
                 cells[4, i, j] += weight
