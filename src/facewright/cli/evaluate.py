@@ -14,7 +14,10 @@ from facewright.cli.console import finish, plain, progress_bar, say, table
 def evaluate(
     suite: Annotated[
         str,
-        typer.Argument(help="Suite: transfer, rigging, bilinear, photo, fusion, scan, registration, subject or scale."),
+        typer.Argument(
+            help="Suite: transfer, rigging, bilinear, photo, fusion, scan, registration, subject, scale, edit, "
+            "component or retarget."
+        ),
     ],
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
     seed: Annotated[int, typer.Option(help="Seed of the simulated people and noise.", min=0)] = 0,

@@ -76,6 +76,4 @@ def transfer(
         "remarks": list(result.remarks),
     }
     share = 100 * float(result.mask.mean())
-    finish(
-        payload, as_json, lambda: say(f"{out}: the {component.value} is {reference}'s, {share:.1f} % of the picture.")
-    )
+    finish(payload, as_json, lambda: say(f"{out}: {component.value} of {reference}, {share:.1f} % of the picture."))
