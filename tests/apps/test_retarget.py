@@ -1,10 +1,12 @@
-"""Videos and curves on a photo, from file to file: sound, times, curves, killed runs, frames without a face."""
+"""Videos and curves on a photo, from file to file: sound, times, curves, killed runs, lost faces, odd clips."""
 
 from __future__ import annotations
 
 import os
+import struct
 import subprocess
 import sys
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 
@@ -158,6 +160,106 @@ def test_bad_input_is_told_before_the_work(tmp_path: Path, model: Path) -> None:
     with pytest.raises(StoreError, match=r"none\.wav does not exist"):
         animate(AnimateRequest(choice, tmp_path / "a.csv", tmp_path / "out.mp4", sound=tmp_path / "none.wav"))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.mp4"]
+
+
+@pytest.fixture(scope="module")
+def frames(test_data: Path) -> dict[str, list[np.ndarray]]:
+    """The first frames of two GRID clips, 360 x 288, of two people."""
+    found = {}
+    for name in ("bbaf2n", "lrwp9a"):
+        with VideoReader(test_data / "video" / f"{name}.mpg") as video:
+            found[name] = [frame.image for frame, _ in zip(video, range(14))]
+    return found
+
+
+def written(path: Path, images: list[np.ndarray], times: np.ndarray | None = None) -> Path:
+    clock = FrameClock(np.arange(len(images)) / 25 if times is None else times, Fraction(25))
+    height, width = images[0].shape[:2]
+    with VideoWriter(path, width, height, clock) as video:
+        for image in images:
+            video.write(image)
+    return path
+
+
+def outcomes(folder: Path, clip: Path, model: Path, photo: Path) -> Iterator[tuple[tuple[str, ...], np.ndarray]]:
+    """Track and retarget a clip: notes, and which frames showed a face."""
+    tracked = track_video(TrackVideoRequest(VideoChoice(clip), folder / "a.json", model))
+    yield tracked.notes, tracked.performance.tracked
+    out = folder / "out.mp4"
+    result = retarget(RetargetRequest(VideoChoice(clip), PhotoChoice(photo, model), out), None)
+    with VideoReader(out) as video:
+        drawn = list(video)
+    np.testing.assert_allclose(
+        [frame.time for frame in drawn], tracked.performance.times - tracked.performance.times[0], atol=1.1e-3
+    )
+    assert result.n_frames == len(drawn) == tracked.performance.n_frames
+    assert result.tracked == tracked.performance.tracked.sum()
+    yield result.notes, tracked.performance.tracked
+
+
+@detects
+def test_scene_cut_begins_anew(tmp_path: Path, model: Path, photo: Path, frames: dict[str, list[np.ndarray]]) -> None:
+    clip = written(tmp_path / "cut.mp4", frames["bbaf2n"] + frames["lrwp9a"])
+    for notes, tracked in outcomes(tmp_path, clip, model, photo):
+        assert any("1 scene cuts (at frames 14)" in note for note in notes), notes
+        assert tracked.all()
+
+
+def test_sound_alone_is_refused_before_the_work(tmp_path: Path, model: Path) -> None:
+    clip = tmp_path / "sound.m4a"
+    with av.open(str(clip), "w") as out:
+        track = out.add_stream("aac", rate=44100)
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.int16), format="s16", layout="mono")
+        frame.rate = 44100
+        out.mux(track.encode(frame) + track.encode(None))
+    with pytest.raises(FileFormatError, match="sound only"):
+        track_video(TrackVideoRequest(VideoChoice(clip), tmp_path / "a.csv", model))
+    with pytest.raises(FileFormatError, match="sound only"):
+        retarget(RetargetRequest(VideoChoice(clip), PhotoChoice(tmp_path / "none.png", model), tmp_path / "out.mp4"))
+    assert [path.name for path in tmp_path.iterdir()] == ["sound.m4a"]
+
+
+@detects
+@pytest.mark.slow
+def test_varying_frame_rate_keeps_its_times(
+    tmp_path: Path, model: Path, photo: Path, frames: dict[str, list[np.ndarray]], rng: np.random.Generator
+) -> None:
+    times = np.cumsum(rng.uniform(0.02, 0.12, 14))
+    clip = written(tmp_path / "varying.mp4", frames["lrwp9a"], times)
+    for _, tracked in outcomes(tmp_path, clip, model, photo):
+        assert tracked.all()
+    with VideoReader(tmp_path / "out.mp4") as video:
+        np.testing.assert_allclose([frame.time for frame in video], times - times[0], atol=1.1e-3)
+
+
+@detects
+@pytest.mark.slow
+def test_clip_on_its_side_is_turned_upright(
+    tmp_path: Path, model: Path, photo: Path, frames: dict[str, list[np.ndarray]]
+) -> None:
+    lying = written(tmp_path / "lying.mp4", [np.ascontiguousarray(np.rot90(image)) for image in frames["lrwp9a"]])
+    data = bytearray(lying.read_bytes())
+    at = data.index(b"tkhd") + 4 + 4 + 20 + 8 + 8  # the display matrix: a quarter turn clockwise
+    data[at : at + 36] = struct.pack(">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, 0, 0, 1 << 30)
+    clip = tmp_path / "turned.mp4"
+    clip.write_bytes(data)
+    for notes, tracked in outcomes(tmp_path, clip, model, photo):
+        assert any("turned upright by" in note for note in notes), notes
+        assert tracked.all()
+
+
+@detects
+@pytest.mark.slow
+def test_clip_that_breaks_off_is_used_as_far_as_it_goes(
+    tmp_path: Path, model: Path, photo: Path, test_data: Path
+) -> None:
+    clip = tmp_path / "broken.mpg"
+    clip.write_bytes((test_data / "video" / "lrwp9a.mpg").read_bytes()[:90_000])
+    with VideoReader(clip) as video:
+        n = len(list(video))
+    assert 3 < n < 60
+    for _, tracked in outcomes(tmp_path, clip, model, photo):
+        assert len(tracked) == n and tracked.all()
 
 
 _RUN = """
