@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.errors import TopologyError, ValueRangeError
-from facewright.imaging.component_mask import COMPONENTS, component_level, component_shapes
+from facewright.imaging.component_mask import COMPONENTS, component_freedom, component_level, component_shapes
 from facewright.imaging.mesh_view import MeshView
 from facewright.landmarks.points import interocular_distance
 from facewright.numeric.check import check_choice
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from facewright.apps.photo_subject import PhotoSubject
     from facewright.faces.face import Face
     from facewright.fitting.image import PhotoFit
-    from facewright.imaging.synthesis import PhotoSynthesiser
     from facewright.models.bilinear import BilinearModel
 
 Progress = Callable[[str, int, int], None]
@@ -30,6 +29,7 @@ _LEAST_SEEN = 0.5  # of the component, that the reference must show
 # What sharing an identity may cost, as the sum of squared distances of all landmarks by the inter-ocular distance: of
 # pairs of one simulated person 19 in 20 stay below, of pairs of two 7 in 8 lie above.
 _TWO_PEOPLE = 0.009
+_OTHER_SIDE_DEGREES = 15.0  # a nose seen from so far aside shows other nostrils and other wings
 _STILL_MM = 1e-6  # what is less is rounding: a photo's own component moves nothing
 _MARGIN = 0.15  # round the face's skin, as a share of its size: what the blend may look at
 
@@ -241,6 +241,7 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
     from facewright.imaging.alignment_flow import align_picture
     from facewright.imaging.component_blend import blend_component
     from facewright.imaging.component_mask import SkinPixels, component_pixels
+    from facewright.imaging.synthesis import PhotoSynthesiser
 
     check_choice("component", component, COMPONENTS)
     face = target.face
@@ -248,35 +249,51 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
         raise TopologyError("target and reference must be fitted with models of one face, got two.")
     level = component_level(face, component)
     view, weights = _new_view(target, reference, component, level)
-    warped = _expression_flow(target, component).draw(view)
+    warped = PhotoSynthesiser(target.photo, target.source, face).draw(view)
     box = _box(face, view, target.photo.shape[:2])
     there = _box(face, reference.source, reference.photo.shape[:2])
     pixels = SkinPixels.of(face, _within(view, box), _size(box))
-    aligned = align_picture(
-        _in_colours_of(reference.photo[there], target.photo[box]), _within(reference.source, there), face, pixels
+    picture = _in_colours_of(reference.photo[there], target.photo[box])
+    aligned = align_picture(picture, _within(reference.source, there), face, pixels)
+    inside = {name: component_pixels(pixels, component_level(face, name)) for name in {component, "brows", "face"}}
+    blend = blend_component(
+        warped.image[box],
+        aligned,
+        inside[component],
+        (inside["face"] > 0.0) & ~pixels.openings,
+        brows=inside["brows"] if component in ("brows", "face") else None,
+        away_from_outline=component == "face",
+        colourless=is_grey(reference.photo) and not is_grey(target.photo),
     )
-    skin = (component_pixels(pixels, component_level(face, "face")) > 0.0) & ~pixels.openings
-    blend = blend_component(warped.image[box], aligned, component_pixels(pixels, level), skin)
     if blend.seen_share < _LEAST_SEEN:
         raise ValueRangeError(
             f"the reference must show the {component} that the target shows, got a head turned so that "
             f"{100 * blend.seen_share:.0f} % of it is seen."
         )
     image, mask = warped.image.copy(), np.zeros(target.photo.shape[:2], bool)
-    image[box], mask[box] = blend.image, blend.mask
+    apart = angle_between(target, reference)
+    only_moves = component == "nose" and apart > _OTHER_SIDE_DEGREES
+    if not only_moves:
+        image[box], mask[box] = blend.image, blend.mask
     shown = np.zeros_like(image)
     shown[box] = aligned.image
-    remarks = _remarks(component, blend.seen_share, aligned.shrinking, target, reference)
+    if only_moves:
+        remarks: tuple[str, ...] = (
+            f"The reference shows the nose from another side ({apart:.0f} degrees apart): the target's own nose moves "
+            "as the reference's, its look stays.",
+        )
+    else:
+        remarks = _remarks(component, blend.seen_share, aligned.shrinking, target, reference)
     return Transfer(image, warped.touched | mask, mask, warped.image, shown, weights, remarks)
 
 
-def _expression_flow(target: PhotoSubject, component: str) -> PhotoSynthesiser:
-    """Return what warps the target: without inner mouth and eyes where they come from the reference."""
-    from facewright.imaging.synthesis import PhotoSynthesiser
-
-    if component in ("brows", "nose"):
-        return target.synthesiser
-    return PhotoSynthesiser(target.photo, target.source, target.face)
+def angle_between(target: PhotoSubject, reference: PhotoSubject) -> float:
+    """Return the angle, degrees, between the directions from which two photos show a face."""
+    rays = []
+    for subject in (target, reference):
+        ray = subject.camera_from_model.rotation.T @ subject.source.camera_vertices[: subject.face.n_skin].mean(axis=0)
+        rays.append(ray / np.linalg.norm(ray))
+    return float(np.degrees(np.arccos(np.clip(rays[0] @ rays[1], -1.0, 1.0))))
 
 
 def _new_view(
@@ -293,7 +310,14 @@ def _new_view(
         share = np.clip(level, 0.0, 1.0)[:, None]
         step = share * (target.camera_from_model.apply(vertices + reference.residual) - view.camera_vertices)
         seen = view.camera_vertices + np.where(np.abs(step) > _STILL_MM, step, 0.0)
-        view = replace(view, pixels=target.intrinsics.project(seen), camera_vertices=seen)
+        view = MeshView(target.intrinsics.project(seen), seen)
+    free = component_freedom(target.face, component)
+    if (free < 1.0).any():
+        before = target.source
+        moved = free[:, None] * (view.camera_vertices - before.camera_vertices)
+        still = (np.abs(moved) <= _STILL_MM).all(axis=1)
+        seen = np.where(still[:, None], before.camera_vertices, before.camera_vertices + moved)
+        view = MeshView(np.where(still[:, None], before.pixels, target.intrinsics.project(seen)), seen)
     return view, weights
 
 

@@ -35,6 +35,9 @@ class AlignedPicture:
         sRGB; black where nothing is known.
     seen : ndarray of shape (H, W), float32
         How well the picture shows what each pixel shows: 1 well, 0 not at all (hidden, turned away, out of the frame).
+    facing : ndarray of shape (H, W), float32
+        The lesser cosine between the skin's normal and the ray to the camera in the picture and in the wanted view; 0
+        where there is no skin.
     flow : ndarray of shape (H, W, 2), float32, pixels
         Where each pixel was looked up in the picture; 0 where it was not.
     shrinking : float
@@ -45,6 +48,7 @@ class AlignedPicture:
 
     image: NDArray[np.uint8]
     seen: NDArray[np.float32]
+    facing: NDArray[np.float32]
     flow: NDArray[np.float32]
     shrinking: float
     pixels_per_mm: float
@@ -103,7 +107,8 @@ def align_picture(photo: NDArray[np.uint8], source: MeshView, face: Face, target
     resample(_smoothed(photo, shrinking), flow[..., 0], flow[..., 1], where=known, out=image)
     height, width = photo.shape[:2]
     inside = (flow >= 0).all(axis=2) & (flow[..., 0] <= width - 1) & (flow[..., 1] <= height - 1)
-    return AlignedPicture(image, np.where(known & inside, seen, 0).astype(np.float32), flow, shrinking, scale)
+    seen = np.where(known & inside, seen, 0).astype(np.float32)
+    return AlignedPicture(image, seen, values[..., 3:].min(axis=2), flow, shrinking, scale)
 
 
 def _depth_map(photo: NDArray[np.uint8], source: MeshView, face: Face) -> NDArray[np.float32]:

@@ -11,6 +11,7 @@ from scipy import ndimage
 from facewright.errors import DegenerateError
 from facewright.imaging.alignment_flow import AlignedPicture
 from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
+from facewright.imaging.detail_match import limit_contrast, match_grain
 from facewright.imaging.gradient_blend import blend_gradients
 from facewright.imaging.seam import find_seam
 from facewright.numeric.check import check_shape
@@ -20,6 +21,12 @@ _FLOOR = 0.03  # added to linear light before logarithms: the noise of dark pixe
 _LIGHT_MM = 12.0  # over this distance light is taken to vary; what varies faster is the face
 _LARGEST = np.log(3.0)  # of the light's variation about its mean
 _DECAY_MM = 5.0  # over this distance from the seam what the pictures differ by there dies out
+_FEATHER_MM = 4.0  # over this distance from the seam the two pictures are mixed: folds that it cuts fade
+_HAIR_MM = 12.0  # twice the width of a brow: coarser differences are light
+# Skin that is turned further away than this wears its outline's own light, less so next to features.
+_OUTLINE, _FEATURES_OUTLINE, _FEATURES = 0.55, 0.35, 1.5
+_TEETH = (-0.7, -0.1)  # log of light relative to the skin's, between which what is seen in an opening loses its tint
+_TINT_MM = 1.0  # colours of the target are taken over with this blur
 _PINHOLE_MM = 4.0  # a hole of less than a square of this side is filled
 _COARSE = 6.0  # pixels that stand for `_LIGHT_MM` where light is compared
 
@@ -48,6 +55,10 @@ def blend_component(
     aligned: AlignedPicture,
     level: NDArray[np.floating],
     skin: NDArray[np.bool_],
+    *,
+    brows: NDArray[np.floating] | None = None,
+    away_from_outline: bool = False,
+    colourless: bool = False,
 ) -> ComponentBlend:
     """Replace a component of one picture by that of another that shows the same view.
 
@@ -59,9 +70,15 @@ def blend_component(
         Picture that shows the component, the alignment's flow applied.
     level : ndarray of shape (H, W)
         From `facewright.imaging.component_mask.component_pixels`: 1 and more is replaced, the seam runs between 1
-        and 0.
+        and 0; 2 in openings.
     skin : ndarray of shape (H, W), bool
-        Pixels of the face's skin away from its outline: where light is compared.
+        Pixels of the face's skin away from its outline: where light and grain are compared.
+    brows : ndarray of shape (H, W), optional
+        Level of the brows, whose contrast is limited; nothing is where absent.
+    away_from_outline : bool
+        Leave out skin that either picture shows turned away: rim light and beard line of a jaw.
+    colourless : bool
+        The aligned picture has no colours: it takes the warped one's, teeth become neutral.
 
     Returns
     -------
@@ -79,28 +96,79 @@ def blend_component(
     -----
     Everything is done on logarithms of linear light, where light is a term that skin, lips and teeth share. First the
     component gets the target's light, colour and slow variation: the mean ratio of the two pictures of the same skin
-    over some 12 mm. Then comes the seam; last the gradient-domain blend, whose correction meets the target at the seam
-    and dies out within a few millimetres, so that a fold that only one picture has at the seam does not tint the lips.
+    over some 12 mm; then its grain. Then comes the seam; last the gradient-domain blend, whose correction meets the
+    target at the seam and dies out within a few millimetres, so that a fold that only one picture has at the seam does
+    not tint the lips, and a mixture across the seam's band, so that such a fold fades.
     """
     sizes = check_shape("warped", warped, "H", "W", 3)
     check_shape("level", level, "H", "W", **sizes)
     check_shape("skin", skin, "H", "W", **sizes)
     shown = aligned.seen >= _SEEN
-    inner, outer = level >= 1.0, (level > 0.0) & shown
+    inner = level >= 1.0
     if not inner.any():
         raise DegenerateError("the target must show the component, got a view that hides it.")
     share = float((inner & shown).sum() / inner.sum())
+    if away_from_outline:
+        shown &= _away_from_outline(aligned, level)
+    outer = (level > 0.0) & shown
     if not (outer & inner).any():
         return ComponentBlend(warped.copy(), np.zeros(level.shape, bool), 0.0)
     target, source = _log_light(warped), _log_light(aligned.image)
-    source += _light_difference(target - source, skin & shown, aligned.pixels_per_mm)
+    light = _light_difference(target - source, skin & shown, aligned.pixels_per_mm)
+    source += light.mean(axis=2, keepdims=True) if colourless else light
+    if colourless:
+        source += _tint(source, target, level >= 2.0, skin & shown, aligned.pixels_per_mm)
+    source = match_grain(source, target, skin & shown)
+    if brows is not None:
+        source = limit_contrast(source, target, np.clip(brows, 0.0, 1.0) * shown, _HAIR_MM * aligned.pixels_per_mm)
     mask = find_seam(_picture(target), _picture(source), inner & shown, outer)
     mask = _without_pinholes(mask, aligned.pixels_per_mm)
     image = warped.copy()
     correction = blend_gradients(target, source, mask)[mask] - source[mask]
     depth = ndimage.distance_transform_edt(mask)[mask] / (_DECAY_MM * aligned.pixels_per_mm)
-    image[mask] = _picture(source[mask] + np.exp(-(depth**2))[:, None] * correction)
+    result = source[mask] + np.exp(-(depth**2))[:, None] * correction
+    part = _feather(mask, inner, _FEATHER_MM * aligned.pixels_per_mm)[mask][:, None]
+    image[mask] = _picture(target[mask] + part * (result - target[mask]))
     return ComponentBlend(image, mask, share)
+
+
+def _away_from_outline(aligned: AlignedPicture, level: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Tell which pixels lie away from the face's outline in both pictures; steep sides of a nose are inside it."""
+    steep = np.where(level >= _FEATURES, _FEATURES_OUTLINE, _OUTLINE)
+    flat = (ndimage.gaussian_filter(aligned.facing, aligned.pixels_per_mm) >= steep) | (level >= 2.0)
+    return np.asarray(ndimage.binary_fill_holes(flat))
+
+
+def _feather(mask: NDArray[np.bool_], inner: NDArray[np.bool_], width: float) -> NDArray[np.float32]:
+    """Return the share (H, W) of the region's picture: 0 at the seam, 1 where the component must come as a whole.
+
+    Beside what the mask leaves out of the component's core it rises over `width` pixels as well.
+    """
+    depth = ndimage.distance_transform_edt(mask)
+    to_inner = ndimage.distance_transform_edt(~(inner & mask))
+    share = np.clip(depth / np.maximum(np.minimum(depth + to_inner, width), 1.0), 0.0, 1.0)
+    hole = inner & ~mask
+    if hole.any():
+        share = np.minimum(share, np.clip(ndimage.distance_transform_edt(~hole) / max(width, 1.0), 0.0, 1.0))
+    return np.asarray(share * share * (3.0 - 2.0 * share), dtype=np.float32)
+
+
+def _tint(
+    source: NDArray[np.float32],
+    target: NDArray[np.float32],
+    openings: NDArray[np.bool_],
+    skin: NDArray[np.bool_],
+    pixels_per_mm: float,
+) -> NDArray[np.float32]:
+    """Return the colour (H, W, 3) of the target without its lightness; none where teeth are seen."""
+    sigma = _TINT_MM * pixels_per_mm
+    colour = ndimage.gaussian_filter(target - target.mean(axis=2, keepdims=True), (sigma, sigma, 0.0))
+    if skin.any() and openings.any():
+        low, high = _TEETH
+        apart = source.mean(axis=2) - np.median(target.mean(axis=2)[skin])
+        near = ndimage.gaussian_filter(ndimage.binary_dilation(openings).astype(np.float32), 0.5 * sigma)
+        colour *= (1.0 - near * np.clip((apart - low) / (high - low), 0.0, 1.0))[..., None]
+    return np.asarray(colour, dtype=np.float32)
 
 
 def _without_pinholes(mask: NDArray[np.bool_], pixels_per_mm: float) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
 
 from facewright.errors import TopologyError
 from facewright.faces.face import Face
@@ -48,12 +49,21 @@ class _Place:
 
 
 _PLACES = {
-    "mouth": _Place(("lips",), 11.0, 30.0, ("nose", *_EYES)),
+    "mouth": _Place(("lips",), 18.0, 36.0, ("nose", *_EYES)),
     "eyes": _Place(_EYES, 1.0, 13.0, _BROWS),
     "brows": _Place(_BROWS, 3.5, 16.0, _EYES),
     "nose": _Place(("nose",), 0.0, 10.0, ("lips", *_EYES)),
     "face": _Place(("lips", "nose", "chin", *_EYES, *_BROWS), 16.0, 36.0),
 }
+# What stays as it is when a component moves: a wrinkled nose must not open lips, nor a brow lids.
+_HELD: dict[str, tuple[str, ...]] = {
+    "mouth": _EYES,
+    "eyes": ("lips",),
+    "brows": ("lips", *_EYES),
+    "nose": ("lips", *_EYES),
+    "face": (),
+}
+_HELD_MM, _FREE_MM = 1.0, 9.0  # so near what is held nothing moves, from so far on everything does
 _WHOLE_MM = 3.0  # so near its masks a component comes as a whole, whatever else is near
 _GAP_MM, _BAND_MM = 1.0, 5.0  # from what a component keeps away from, and how wide the band of the seam is there
 _RIM_MM, _RIM_BAND_MM = 8.0, 12.0  # from the rim of the face: the outline's own light and background stay out
@@ -127,6 +137,41 @@ def component_level(face: Face, component: str) -> NDArray[np.float64]:
     whole[: face.n_skin] = np.maximum(level, -1.0)
     whole.flags.writeable = False
     return whole
+
+
+@lru_cache(maxsize=16)
+def component_freedom(face: Face, component: str) -> NDArray[np.float64]:
+    """Return how much each vertex follows when a component moves.
+
+    Parameters
+    ----------
+    face : Face
+        See `component_level`.
+    component : str
+        One of `COMPONENTS`.
+
+    Returns
+    -------
+    ndarray of shape (V,), float64
+        1 within the component and far from others' lips and lids, 0 at those. Eyes, teeth and the like follow as the
+        skin nearest to them does.
+
+    Raises
+    ------
+    ValueRangeError, TopologyError
+        See `component_level`.
+    """
+    level, held = component_level(face, component), _HELD[component]
+    free = np.ones(face.topology.n_vertices)
+    if held:
+        distance = _SkinDistance(face).from_masks(*held)
+        share = np.clip((distance - _HELD_MM) / (_FREE_MM - _HELD_MM), 0.0, 1.0)
+        n = face.n_skin
+        free[:n] = np.maximum(share * share * (3.0 - 2.0 * share), np.clip(level[:n], 0.0, 1.0))
+        _, nearest = cKDTree(face.mean_shape[:n]).query(face.mean_shape[n:])
+        free[n:] = free[nearest]
+    free.flags.writeable = False
+    return free
 
 
 class _SkinDistance:
