@@ -47,7 +47,7 @@ def test_written_performance_reads_the_same(tmp_path: Path, rng: np.random.Gener
     np.testing.assert_allclose(again.rotations[seen], acted.rotations[seen], atol=1e-8)
     np.testing.assert_allclose(again.gaze[seen], acted.gaze[seen], atol=1e-8)
     np.testing.assert_allclose(again.times, acted.times, atol=1e-4)
-    assert notes == ("1 of 9 rows are untracked.",)
+    assert notes == ("1 of 9 rows is untracked.",)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_gaze_without_angles_comes_from_the_shapes(test_data: Path) -> None:
 def test_real_recording_is_a_performance(test_data: Path, tmp_path: Path) -> None:
     acted, notes = read_performance(test_data / "curves" / "alex_rom_3.csv")
     assert acted.n_frames == 4030 and acted.tracked.all()
-    assert len(notes) == 1 and "clipped" in notes[0]
+    assert len(notes) == 2 and "clipped" in notes[0] and "TongueOut (up to 1)" in notes[1]
     # Blinks: the recording closes both eyes together.
     blink = acted.weights[:, [BLENDSHAPE_NAMES.index(f"eyeBlink_{side}") for side in "LR"]]
     assert blink.max() > 0.9 and np.abs(blink[:, 0] - blink[:, 1]).mean() < 0.05

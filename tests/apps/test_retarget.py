@@ -201,7 +201,7 @@ def outcomes(folder: Path, clip: Path, model: Path, photo: Path) -> Iterator[tup
 def test_scene_cut_begins_anew(tmp_path: Path, model: Path, photo: Path, frames: dict[str, list[np.ndarray]]) -> None:
     clip = written(tmp_path / "cut.mp4", frames["bbaf2n"] + frames["lrwp9a"])
     for notes, tracked in outcomes(tmp_path, clip, model, photo):
-        assert any("1 scene cuts (at frames 14)" in note for note in notes), notes
+        assert any("1 scene cut (at frame 14):" in note for note in notes), notes
         assert tracked.all()
 
 
@@ -258,8 +258,9 @@ def test_clip_that_breaks_off_is_used_as_far_as_it_goes(
     with VideoReader(clip) as video:
         n = len(list(video))
     assert 3 < n < 60
-    for _, tracked in outcomes(tmp_path, clip, model, photo):
+    for notes, tracked in outcomes(tmp_path, clip, model, photo):
         assert len(tracked) == n and tracked.all()
+        assert any("broken.mpg ends early" in note for note in notes)
 
 
 _RUN = """

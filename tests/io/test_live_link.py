@@ -99,7 +99,7 @@ def test_audio2face(tmp_path: Path) -> None:
     assert curves.tracked.all()
     np.testing.assert_allclose(curves.times, [0, 0.0333])
     np.testing.assert_allclose(curves.values[:, :52], 0.1)
-    assert "unknown names" in curves.notes[0] and "'extra'" in curves.notes[0]
+    assert "unknown and left out" in curves.notes[0] and "'extra'" in curves.notes[0]
 
 
 @pytest.mark.parametrize("base", [24, 25, 30, 50, 60])

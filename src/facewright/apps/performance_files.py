@@ -25,6 +25,10 @@ _SIDES = ("Right", "Left")  # the order of `Performance.gaze`
 _EYE_ANGLES = ("RightEyeYaw", "RightEyePitch", "LeftEyeYaw", "LeftEyePitch")
 
 
+#: A coefficient from which people see the shape.
+_NOTICED = 0.05
+
+
 def performance_from_curves(curves: FaceCurves) -> Performance:
     """Turn ARKit's 52 coefficients and angles into a performance of our 46 shapes.
 
@@ -101,7 +105,11 @@ def read_performance(
         As `facewright.io.live_link.read_face_curves`.
     """
     curves = read_face_curves(path, frames_per_second=frames_per_second)
-    return performance_from_curves(curves), curves.notes
+    notes = list(curves.notes)
+    tongue = float(curves.values[:, CURVE_COLUMNS.index("TongueOut")].max(initial=0.0))
+    if tongue > _NOTICED:
+        notes.append(f"TongueOut (up to {tongue:.2g}) has no counterpart among our shapes and is left out.")
+    return performance_from_curves(curves), tuple(notes)
 
 
 def write_performance_csv(path: str | Path, performance: Performance) -> None:

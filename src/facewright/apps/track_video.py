@@ -167,10 +167,12 @@ def track(
     notes = list(video.notes)
     if video.info.quarter_turns:
         notes.append(f"{choice.video.name} is turned upright by {90 * video.info.quarter_turns} degrees, as it asks.")
-    cuts = np.flatnonzero(video.track.cuts)
+    # a cut into frames without a face is told with those
+    cuts = np.flatnonzero(video.track.cuts & video.track.tracked)
     if len(cuts):
         listed = ", ".join(str(k) for k in cuts[:12]) + (" ..." if len(cuts) > 12 else "")
-        notes.append(f"{len(cuts)} scene cuts (at frames {listed}): pose and smoothing start anew there.")
+        shots = f"1 scene cut (at frame {listed})" if len(cuts) == 1 else f"{len(cuts)} scene cuts (at frames {listed})"
+        notes.append(f"{shots}: pose and smoothing start anew there.")
     sentence = gaps_sentence(gaps, T)
     if sentence is not None:
         notes.append(sentence)

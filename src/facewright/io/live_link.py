@@ -137,7 +137,8 @@ def read_face_curves(path: str | Path, *, frames_per_second: float | None = None
     values, tracked = values[kept], tracked[kept]
     _clip(values, notes)
     if not tracked.all():
-        notes.append(f"{int((~tracked).sum())} of {len(tracked)} rows are untracked.")
+        lost = int((~tracked).sum())
+        notes.append(f"{lost} of {len(tracked)} rows {'is' if lost == 1 else 'are'} untracked.")
     return FaceCurves(times, values, tracked, tuple(notes))
 
 
@@ -224,9 +225,11 @@ def _columns(header: list[str], names: list[str], path: Path, notes: list[str]) 
         )
     missing = [name for k, name in enumerate(SHAPE_COLUMNS) if k not in found]
     if foreign:
-        notes.append(f"{len(foreign)} columns of unknown names are left out, such as {foreign[0]!r}.")
+        several = f"{len(foreign)} columns of unknown names are left out, such as {foreign[0]!r}."
+        notes.append(several if len(foreign) > 1 else f"The column {foreign[0]!r} is unknown and left out.")
     if missing:
-        notes.append(f"{len(missing)} of the 52 shapes are absent and stay zero, such as {missing[0]}.")
+        several = f"{len(missing)} of the 52 shapes are absent and stay zero, such as {missing[0]}."
+        notes.append(several if len(missing) > 1 else f"The shape {missing[0]} is absent and stays zero.")
     return columns
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.errors import FileFormatError, MissingExtraError, StoreError, ValueRangeError
+from facewright.io.program_stream import breaks_off
 
 #: Largest frame that is read, in pixels.
 MAX_FRAME_PIXELS = 36_000_000
@@ -208,6 +209,10 @@ class VideoReader:
         elif stated and end < stated - max(0.5, 0.02 * stated):
             self.notes.append(
                 f"{self.path.name} ends early: {self.n_read} frames ({end:.2f} s) were read, it states {stated:.2f} s."
+            )
+        elif "mpeg" in self._container.format.name.split(",") and breaks_off(self.path):
+            self.notes.append(
+                f"{self.path.name} ends early, within a packet: {self.n_read} frames ({end:.2f} s) were read."
             )
         if shifted:
             self.notes.append(f"{shifted} frames of {self.path.name} have no time of their own and were moved apart.")
