@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -115,10 +116,12 @@ def parse_changes(texts: list[str]) -> dict[str, float]:
         name, sign, value = text.rpartition("=")
         name = name.strip()
         try:
-            number = float(value)
+            number: float | None = float(value)
         except ValueError:
-            number = float("nan")
-        if not sign or not name or number != number:
+            number = None
+        if number is not None and not math.isfinite(number):
+            raise ValueRangeError(f"--set must give a finite number of standard deviations, got {text!r}.")
+        if not sign or not name or number is None:
             hint = f'; for a kind of people write "{name}: {value.strip()}=+1"' if sign and name and value else ""
             raise ValueRangeError(
                 f'--set must be an attribute, =, and a number of standard deviations, such as "face length=+1.5", got '
