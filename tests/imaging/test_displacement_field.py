@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from facewright.errors import ShapeError
+from facewright.errors import ShapeError, ValueRangeError
 from facewright.imaging._warp_kernels import compose, gather_skin, spline_weights
 from facewright.imaging.displacement_field import HeadField, displacement_field
 from facewright.imaging.mesh_view import MeshView
@@ -101,9 +101,20 @@ def test_a_jaw_that_opens_leaves_the_shoulders(field, builtin_face):
         assert np.abs(found.displacement[below, int(chin[0]) - x]).max() < 1.5
 
 
-def test_a_head_out_of_the_picture_moves_nothing(field, builtin_face):
-    target = _view(builtin_face, builtin_face.mean_shape.astype(np.float64), shift=(5000, 0))
-    assert field.map_of(target) is None
+@pytest.mark.parametrize("shift", [(5000, 0), (0, -900), (-1e30, 0)])
+def test_a_head_out_of_the_picture_is_refused(field, source, builtin_face, shift):
+    target = _view(builtin_face, builtin_face.mean_shape.astype(np.float64), shift=shift)
+    with pytest.raises(ValueRangeError, match="partly in the picture of 300 x 280"):
+        field.map_of(target)
+    with pytest.raises(ValueRangeError, match="partly in the picture"):
+        displacement_field(source, target, builtin_face, SIZE)
+
+
+def test_a_head_behind_the_camera_is_refused(field, source):
+    for depth in (-900.0, 0.0):
+        moved = source.camera_vertices - (0, 0, source.depth.mean() - depth)
+        with pytest.raises(ValueRangeError, match="before the camera"):
+            field.map_of(MeshView(source.pixels + 1, moved))
 
 
 def test_views_must_match(field, source, builtin_face):

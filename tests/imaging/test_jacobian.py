@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from facewright.errors import ShapeError
-from facewright.imaging._warp_kernels import jacobian_minimum
+from facewright.imaging._warp_kernels import blocks_with, jacobian_minimum
 from facewright.imaging.jacobian import untangle
 
 NONE = np.zeros((1, 1), bool)
@@ -12,7 +12,7 @@ NONE = np.zeros((1, 1), bool)
 
 def _naive_minimum(displacement, breaks, offset):
     h, w = displacement.shape[:2]
-    least = 1.0
+    least = np.inf
     for y in range(h - 1):
         for x in range(w - 1):
             v, u = y - offset[1], x - offset[0]
@@ -66,6 +66,22 @@ def test_a_jump_at_an_occlusion_is_kept():
     assert untangle(d, breaks).smallest == 1.0
     np.testing.assert_array_equal(d, before)
     assert untangle(d, NONE).rounds > 0
+
+
+def test_a_map_that_only_shrinks_says_by_how_much():
+    y, x = np.mgrid[:30, :30].astype(np.float32)
+    assert untangle(0.2 * np.stack([x, y], axis=-1), NONE).smallest == pytest.approx(1.44, abs=1e-4)
+    assert untangle(-0.1 * np.stack([x, y], axis=-1), NONE).smallest == pytest.approx(0.81, abs=1e-4)
+    assert untangle(np.zeros((1, 5, 2), np.float32), NONE).smallest == 1.0
+
+
+def test_blocks_are_those_of_numpy(rng):
+    for shape in ((13, 20), (16, 16), (3, 50)):
+        bad = (rng.random(shape) < 0.02).astype(np.float32)
+        found = blocks_with(bad, 8)
+        padded = np.pad(bad, [(0, -n % 8) for n in shape])
+        expected = padded.reshape(padded.shape[0] // 8, 8, padded.shape[1] // 8, 8).any(axis=(1, 3))
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_shapes_must_match():

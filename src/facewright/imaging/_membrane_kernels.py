@@ -11,41 +11,42 @@ def relax(values, weight, moment, stiffness, fixed, sweeps, over):  # type: igno
     """Relax (weight + L_stiffness) values = moment in place, both components, by over-relaxed Gauss-Seidel sweeps."""
     rows, cols = fixed.shape
     half = np.float32(0.5)
+    # stiffness of the edges below and to the right of each cell, with a frame of cells beyond the grid that do not pull
+    below = np.zeros((rows + 1, cols), np.float32)
+    beside = np.zeros((rows, cols + 1), np.float32)
+    pull = np.empty((rows, cols, 2), np.float32)
+    for i in range(rows):
+        for j in range(cols):
+            if i < rows - 1:
+                below[i + 1, j] = half * (stiffness[i, j] + stiffness[i + 1, j])
+            if j < cols - 1:
+                beside[i, j + 1] = half * (stiffness[i, j] + stiffness[i, j + 1])
+    held = np.zeros((rows + 2, cols + 2, 2), np.float32)
+    for i in range(rows):
+        for j in range(cols):
+            total = below[i, j] + below[i + 1, j] + beside[i, j] + beside[i, j + 1]
+            for k in range(2):
+                pull[i, j, k] = total + weight[k, i, j]
+                held[i + 1, j + 1, k] = values[k, i, j]
     for sweep in range(sweeps):
-        for k in range(rows):
-            i = k if sweep % 2 == 0 else rows - 1 - k
-            for m in range(cols):
-                j = m if sweep % 2 == 0 else cols - 1 - m
+        for m in range(rows):
+            i = m if sweep % 2 == 0 else rows - 1 - m
+            for n in range(cols):
+                j = n if sweep % 2 == 0 else cols - 1 - n
                 if fixed[i, j]:
                     continue
-                c = stiffness[i, j]
-                total = np.float32(0)
-                sx = np.float32(0)
-                sy = np.float32(0)
-                if i > 0:
-                    e = half * (c + stiffness[i - 1, j])
-                    total += e
-                    sx += e * values[0, i - 1, j]
-                    sy += e * values[1, i - 1, j]
-                if i < rows - 1:
-                    e = half * (c + stiffness[i + 1, j])
-                    total += e
-                    sx += e * values[0, i + 1, j]
-                    sy += e * values[1, i + 1, j]
-                if j > 0:
-                    e = half * (c + stiffness[i, j - 1])
-                    total += e
-                    sx += e * values[0, i, j - 1]
-                    sy += e * values[1, i, j - 1]
-                if j < cols - 1:
-                    e = half * (c + stiffness[i, j + 1])
-                    total += e
-                    sx += e * values[0, i, j + 1]
-                    sy += e * values[1, i, j + 1]
-                new_x = (sx + moment[0, i, j]) / (total + weight[0, i, j])
-                new_y = (sy + moment[1, i, j]) / (total + weight[1, i, j])
-                values[0, i, j] += over * (new_x - values[0, i, j])
-                values[1, i, j] += over * (new_y - values[1, i, j])
+                up, down, left, right = below[i, j], below[i + 1, j], beside[i, j], beside[i, j + 1]
+                u, v = np.uint64(i + 1), np.uint64(j + 1)
+                one = np.uint64(1)
+                for k in range(2):
+                    total = up * held[u - one, v, k] + down * held[u + one, v, k]
+                    total += left * held[u, v - one, k] + right * held[u, v + one, k]
+                    new = (total + moment[k, i, j]) / pull[i, j, k]
+                    held[u, v, k] += over * (new - held[u, v, k])
+    for i in range(rows):
+        for j in range(cols):
+            for k in range(2):
+                values[k, i, j] = held[i + 1, j + 1, k]
 
 
 @njit(cache=True, nogil=True)

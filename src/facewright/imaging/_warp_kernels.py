@@ -135,10 +135,13 @@ def compose(field, solid, origin, size, window, step, motion, blend, inner_origi
     row = np.zeros((cols + 6, 3), np.float32)
     start = np.zeros(width, np.int64)
     phase = np.zeros((width, 4), np.float32)
+    cell, within = origin[0] // step - window[1], origin[0] % step
     for x in range(width):
-        gx = x + origin[0]
-        start[x] = min(max(gx // step - window[1] + first[gx % step], -3), cols - 1) + 3
-        phase[x] = weights[gx % step]
+        start[x] = min(max(cell + first[within], -3), cols - 1) + 3
+        phase[x] = weights[within]
+        within += 1
+        if within == step:
+            cell, within = cell + 1, 0
     h, w = blend.shape
     tiny = least * least
     for y in range(height):
@@ -214,15 +217,16 @@ def mark_breaks(depth, layer, jump):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def jacobian_minimum(displacement, breaks, offset, bad):  # type: ignore[no-untyped-def]
-    """Return the smallest determinant over pixel cells without a break, and how many are not positive.
+    """Return the smallest determinant over pixel cells without a break (1 where there is none), and how many fold.
 
     `bad` (h, w) gets how nearly folded each cell is: 0 for determinants above 0.2, 1 below 0.02.
     """
     height, width = displacement.shape[:2]
     h, w = breaks.shape
-    least = np.float32(1)
-    count = 0
     one = np.float32(1)
+    beyond = np.float32(1e30)
+    least = beyond
+    count = 0
     for y in range(height - 1):
         v = y - offset[1]
         for x in range(width - 1):
@@ -233,7 +237,7 @@ def jacobian_minimum(displacement, breaks, offset, bad):  # type: ignore[no-unty
             yx = displacement[y + 1, x, 0] - dx
             yy = one + displacement[y + 1, x, 1] - dy
             det = xx * yy - xy * yx
-            if det < np.float32(0.6):
+            if det < least or det < np.float32(0.2):
                 u = x - offset[0]
                 if 0 <= v < h and 0 <= u < w and breaks[v, u]:
                     continue
@@ -242,7 +246,7 @@ def jacobian_minimum(displacement, breaks, offset, bad):  # type: ignore[no-unty
                     bad[y, x] = min((np.float32(0.2) - det) / np.float32(0.18), one)
                     if det < np.float32(0.02):
                         count += 1
-    return least, count
+    return (least if least < beyond else one), count
 
 
 @njit(cache=True, nogil=True)
@@ -254,7 +258,7 @@ def soften_breaks(image, touched, displacement, breaks, offset, jump):  # type: 
     height, width = displacement.shape[:2]
     h, w = breaks.shape
     marked = np.zeros((h, w), np.bool_)
-    found = False
+    top, left, bottom, right = h, w, 0, 0
     for v in range(h):
         for u in range(w):
             y, x = v + offset[1], u + offset[0]
@@ -269,16 +273,17 @@ def soften_breaks(image, touched, displacement, breaks, offset, jump):  # type: 
                 if far > jump:
                     marked[v, u] = True
                     marked[v + k, u + 1 - k] = True
-                    found = True
-    if not found:
+                    top, left, bottom, right = min(top, v), min(left, u), max(bottom, v + 2), max(right, u + 2)
+    if bottom == 0:
         return
-    before = image.copy()
-    for v in range(h):
-        for u in range(w):
+    y0, x0 = top + offset[1] - 1, left + offset[0] - 1
+    before = image[y0 : bottom + offset[1] + 1, x0 : right + offset[0] + 1].copy()
+    for v in range(top, bottom):
+        for u in range(left, right):
             if not marked[v, u]:
                 continue
-            y, x = v + offset[1], u + offset[0]
-            touched[y, x] = True
+            y, x = v + offset[1] - y0, u + offset[0] - x0
+            touched[y + y0, x + x0] = True
             for c in range(3):
                 total = np.int64(0)
                 for k in range(3):
@@ -288,20 +293,20 @@ def soften_breaks(image, touched, displacement, breaks, offset, jump):  # type: 
                         + np.int64(before[y - 1 + k, x + 1, c])
                     )
                     total += row * (2 if k == 1 else 1)
-                image[y, x, c] = np.uint8((total + 8) // 16)
+                image[y + y0, x + x0, c] = np.uint8((total + 8) // 16)
 
 
 @njit(cache=True, nogil=True)
-def places(displacement, origin):  # type: ignore[no-untyped-def]
-    """Return where the pixels of a part at `origin` are looked up, x and y (h, w), and which do not stay (h, w)."""
-    height, width = displacement.shape[:2]
-    to_x = np.empty((height, width), np.float32)
-    to_y = np.empty((height, width), np.float32)
-    moved = np.empty((height, width), np.bool_)
+def blocks_with(bad, block):  # type: ignore[no-untyped-def]
+    """Return which blocks of `block` x `block` pixels hold a value that is not zero."""
+    height, width = bad.shape
+    out = np.zeros(((height + block - 1) // block, (width + block - 1) // block), np.bool_)
     for y in range(height):
-        for x in range(width):
-            dx, dy = displacement[y, x, 0], displacement[y, x, 1]
-            to_x[y, x] = np.float32(x + origin[0]) + dx
-            to_y[y, x] = np.float32(y + origin[1]) + dy
-            moved[y, x] = dx != 0 or dy != 0
-    return to_x, to_y, moved
+        row = out[y // block]
+        for j in range(row.size):
+            if not row[j]:
+                for x in range(j * block, min((j + 1) * block, width)):
+                    if bad[y, x] != 0:
+                        row[j] = True
+                        break
+    return out

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from facewright.errors import ValueRangeError
 from facewright.faces.face import Face
 from facewright.imaging._warp_kernels import compose, gather_skin, mark_breaks
 from facewright.imaging.jacobian import Untangled, untangle
@@ -95,6 +96,7 @@ class HeadField:
         below = np.unique(surface.faces[surface.kinds == BODY])
         self._moving = np.union1d(self._head, below[surface.weights[below, 3] > 0])
         self._prepare_distance()
+        self._attributes = np.concatenate([surface.view.pixels.astype(np.float32), surface.weights], axis=1)
         self._table = np.array([*surface.outline_origin, surface.outline_scale], np.float32)
 
     def _prepare_distance(self) -> None:
@@ -143,6 +145,8 @@ class HeadField:
         ------
         ShapeError
             If the view does not have the face's vertices.
+        ValueRangeError
+            If the head lies wholly outside the picture, or not wholly before the camera.
         """
         surface = self.surface
         check_shape("target.pixels", target.pixels, len(surface.weights), 2)
@@ -151,8 +155,6 @@ class HeadField:
         if not np.abs(motion).max() > 0:
             return None
         boxes = self._boxes(target)
-        if boxes is None:
-            return None
         x0, y0, x1, y1 = boxes
         shifted = target.pixels - (x0, y0)
         seen = rasterise(shifted, target.depth, surface.faces, (y1 - y0, x1 - x0), perspective=target.perspective)
@@ -160,14 +162,13 @@ class HeadField:
         largest = float(np.linalg.norm(told, axis=1).max()) if len(told) else 0.0
         window, reach = self._window(boxes, largest)
         cells = np.zeros((8, window[2], window[3]), np.float32)
-        attributes = np.concatenate([source.astype(np.float32), surface.weights], axis=1)
         own, blend, layer = gather_skin(
             seen.face_index,
             seen.barycentric,
             (x0, y0),
             surface.faces,
             surface.kinds,
-            attributes,
+            self._attributes,
             surface.outline,
             self._table,
             self.step,
@@ -189,12 +190,24 @@ class HeadField:
         done: Untangled = untangle(displacement, breaks, (x0 - left, y0 - top))
         return HeadMap((left, top), displacement, seen, layer, (x0, y0), breaks, share, done.smallest)
 
-    def _boxes(self, target: MeshView) -> tuple[int, int, int, int] | None:
-        """Return the box (x0, y0, x1, y1) of the target's head and neck in the picture; None where it lies outside."""
+    def _boxes(self, target: MeshView) -> tuple[int, int, int, int]:
+        """Return the box (x0, y0, x1, y1) of the target's head and neck in the picture; refuse one that has none."""
+        nearest = float(target.depth[self._head].min()) if target.perspective else np.inf
+        if not nearest > 0:
+            raise ValueRangeError(
+                f"the head must lie before the camera to be drawn, got a view with a depth of {nearest:.1f} mm: "
+                "move it along the camera's axis."
+            )
         pixels = target.pixels[self._moving]
-        lo, hi = np.floor(pixels.min(axis=0)).astype(int) - 1, np.ceil(pixels.max(axis=0)).astype(int) + 2
-        x0, y0, x1, y1 = max(lo[0], 0), max(lo[1], 0), min(hi[0], self.size[1]), min(hi[1], self.size[0])
-        return None if x1 <= x0 or y1 <= y0 else (int(x0), int(y0), int(x1), int(y1))
+        lo, hi = np.floor(pixels.min(axis=0)) - 1, np.ceil(pixels.max(axis=0)) + 2
+        x0, y0 = np.maximum(lo, 0)
+        x1, y1 = np.minimum(hi, (self.size[1], self.size[0]))
+        if not (x1 > x0 and y1 > y0):
+            raise ValueRangeError(
+                f"the head must lie at least partly in the picture of {self.size[1]} x {self.size[0]} pixels, got "
+                f"a view of it from ({lo[0]:.0f}, {lo[1]:.0f}) to ({hi[0]:.0f}, {hi[1]:.0f}): move it less."
+            )
+        return int(x0), int(y0), int(x1), int(y1)
 
     def _window(self, box: tuple[int, int, int, int], largest: float) -> tuple[tuple[int, int, int, int], float]:
         """Return first row, first column, rows and columns of the lattice's part that moves, and its reach, pixels."""
@@ -292,6 +305,8 @@ def displacement_field(source: MeshView, target: MeshView, face: Face, size: tup
     ------
     ShapeError
         If a view does not have the face's vertices.
+    ValueRangeError
+        If the target's head lies wholly outside the picture, or not wholly before the camera.
     """
     result = np.zeros((*size, 2), np.float32)
     found = HeadField(SourceSurface.of(source, face), size).map_of(target)

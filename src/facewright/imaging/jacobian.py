@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from facewright.imaging._warp_kernels import jacobian_minimum
+from facewright.imaging._warp_kernels import blocks_with, jacobian_minimum
 from facewright.numeric.check import check_shape
 
 _ROUNDS = 9
@@ -23,7 +23,7 @@ class Untangled:
     Parameters
     ----------
     smallest : float
-        Smallest determinant that is left; 1 where every one is larger.
+        Smallest determinant that is left; 1 where nothing moves.
     rounds : int
         How often it had to smooth.
     """
@@ -72,10 +72,7 @@ def untangle(
 def _smooth(displacement: NDArray[np.float32], bad: NDArray[np.float32], reach: int) -> None:
     """Replace the displacement near bad pixels by a local mean, in place."""
     block = max(4, 2 * reach)
-    high, wide = -(-bad.shape[0] // block), -(-bad.shape[1] // block)
-    y, x = np.nonzero(bad)
-    coarse = np.zeros((high, wide), np.bool_)
-    coarse[y // block, x // block] = True
+    coarse = blocks_with(bad, block)
     for part in ndimage.find_objects(ndimage.label(coarse, np.ones((3, 3)))[0]):
         rows, cols = (slice(max(p.start * block - 4 * reach, 0), p.stop * block + 4 * reach) for p in part)
         near = bad[rows, cols]

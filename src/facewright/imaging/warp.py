@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.errors import ValueRangeError
-from facewright.imaging._warp_kernels import places
-from facewright.imaging.resample import resample
+from facewright.imaging.resample import resample_displaced
 from facewright.numeric.check import check_finite, check_shape
 
 
@@ -43,15 +42,4 @@ def warp_picture(
         raise ValueRangeError(
             f"the part must lie in the photo of {sizes['W']} x {sizes['H']} pixels, got {w} x {h} pixels at ({x}, {y})."
         )
-    return warp_part(photo, np.ascontiguousarray(displacement, dtype=np.float32), origin)[0]
-
-
-def warp_part(
-    photo: NDArray[np.uint8], displacement: NDArray[np.float32], origin: tuple[int, int]
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return what `warp_picture` does, without its checks, and which pixels of the part do not stay, (h, w)."""
-    (x, y), (h, w) = origin, displacement.shape[:2]
-    part = np.ascontiguousarray(photo[y : y + h, x : x + w]).copy()
-    to_x, to_y, moved = places(displacement, origin)
-    resample(photo, to_x, to_y, where=moved, out=part)
-    return part, moved
+    return resample_displaced(photo, displacement, origin)[0]
