@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from facewright.apps import default_model as module
-from facewright.apps.default_model import default_model, default_model_path
-from facewright.errors import MissingFaceError, StoreError
+from facewright.apps.default_model import default_model, default_model_path, model_or_default
+from facewright.errors import FileFormatError, MissingFaceError, StoreError
 
 
 @pytest.fixture
@@ -60,3 +60,14 @@ def test_an_absent_face(tmp_path, monkeypatch):
     monkeypatch.setenv("FACEWRIGHT_HOME", str(tmp_path))
     with pytest.raises(MissingFaceError):
         default_model(face="ict")
+
+
+def test_a_model_is_read_or_the_default_one_is_taken(tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr(module, "default_model", lambda progress: calls.append(progress) or "it")
+    assert model_or_default(None) == "it" and calls == [None]
+    with pytest.raises(StoreError):
+        model_or_default(tmp_path / "absent.fwbm")
+    (tmp_path / "bad.fwbm").write_bytes(b"no model")
+    with pytest.raises(FileFormatError):
+        model_or_default(tmp_path / "bad.fwbm")

@@ -186,16 +186,15 @@ def animate(request: AnimateRequest, progress: Progress | None = None) -> ClipRe
 
 def subject_for_video(choice: PhotoChoice, progress: Progress | None = None) -> PhotoSubject:
     """Open the photo of a choice at the size of its video, with the model that it names or the default one."""
-    from facewright.apps.default_model import default_model
+    from facewright.apps.default_model import model_or_default
     from facewright.apps.photo_subject import open_photo_subject
     from facewright.landmarks.files import read_landmarks
-    from facewright.models.bilinear_store import load_bilinear
 
     file, scale = photo_for_video(choice.photo, choice.longest_side)
     points = None if choice.landmarks is None else read_landmarks(choice.landmarks)
     if points is not None:  # about the picture's corner, which lies half a pixel before the first centre
         points = replace(points, points=(points.points + 0.5) * scale - 0.5)
-    model = default_model(progress) if choice.model is None else load_bilinear(choice.model)
+    model = model_or_default(choice.model, progress)
     subject = open_photo_subject(
         file.pixels,
         model,

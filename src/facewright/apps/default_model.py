@@ -63,6 +63,21 @@ def default_model(progress: Progress | None = None, *, face: str = "builtin") ->
     return _loaded(path, path.stat().st_mtime_ns)
 
 
+def model_or_default(path: Path | None, progress: Progress | None = None) -> BilinearModel:
+    """Return the model of a file, or the default one where absent.
+
+    Raises
+    ------
+    StoreError, FileFormatError
+        If the file cannot be read or is no model.
+    """
+    if path is None:
+        return default_model(progress)
+    from facewright.models.bilinear_store import load_bilinear
+
+    return load_bilinear(path)
+
+
 @lru_cache(maxsize=1)
 def _loaded(path: Path, _modified: int) -> BilinearModel:
     from facewright.models.bilinear_store import load_bilinear

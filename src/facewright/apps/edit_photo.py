@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.apps.default_model import model_or_default
 from facewright.apps.edited_view import edited_view
 from facewright.errors import ValueRangeError
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from facewright.apps.photo_subject import PhotoSubject
     from facewright.faces.attribute_editor import AttributeEdit, AttributeEditor
     from facewright.imaging.synthesis import Synthesis
-    from facewright.models.bilinear import BilinearModel
 
 Progress = Callable[[str, int, int], None]
 
@@ -163,7 +163,7 @@ def edit_photo(request: EditRequest, progress: Progress | None = None) -> EditRe
     for path in (request.out, request.sheet):
         if path is not None:
             check_picture_suffix(path)
-    model = _model(request.model, progress)
+    model = model_or_default(request.model, progress)
     editor = AttributeEditor.of_model(model)
     check_deviations(request.deviations, editor.all_names)  # before the work
     subject = open_photo_subject(
@@ -239,7 +239,7 @@ def list_attributes(model: Path | None = None, progress: Progress | None = None)
     from facewright.faces.attribute_editor import AttributeEditor
     from facewright.faces.attributes import ATTRIBUTE_MEANINGS
 
-    editor = AttributeEditor.of_model(_model(model, progress))
+    editor = AttributeEditor.of_model(model_or_default(model, progress))
     leakage = editor.leakage()
     summaries = []
     for k, name in enumerate(editor.names):
@@ -270,13 +270,3 @@ def list_attributes(model: Path | None = None, progress: Progress | None = None)
             )
         )
     return summaries
-
-
-def _model(path: Path | None, progress: Progress | None) -> BilinearModel:
-    if path is None:
-        from facewright.apps.default_model import default_model
-
-        return default_model(progress)
-    from facewright.models.bilinear_store import load_bilinear
-
-    return load_bilinear(path)

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from facewright.apps.animate import ClipResult, PhotoChoice, subject_for_video, write_clip
+from facewright.apps.default_model import model_or_default
 from facewright.apps.landmark_video import frame_rate_of
 from facewright.apps.performance_files import write_performance_csv
 from facewright.apps.photo_motion import MotionOptions, carry_to_photo
-from facewright.apps.track_video import VideoChoice, model_or_default, track
+from facewright.apps.track_video import VideoChoice, track
 from facewright.io.video_reader import VideoReader
 from facewright.io.video_writer import FrameClock, check_video_path
 from facewright.io.work_folder import WorkFolder

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from facewright.apps.default_model import model_or_default
 from facewright.apps.landmark_video import LandmarkVideo, find_video_landmarks
 from facewright.apps.performance_files import write_performance_csv
 from facewright.apps.untracked_frames import fill_untracked, gaps_sentence
@@ -214,14 +215,3 @@ def write_curves(path: Path, tracked: TrackedVideo) -> None:
     }
     with write_atomically(path) as temporary:
         temporary.write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def model_or_default(path: Path | None, progress: Progress | None = None) -> BilinearModel:
-    """Return the model of a file, or the default one."""
-    if path is None:
-        from facewright.apps.default_model import default_model
-
-        return default_model(progress)
-    from facewright.models.bilinear_store import load_bilinear
-
-    return load_bilinear(path)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.apps.default_model import model_or_default
 from facewright.errors import TopologyError, ValueRangeError
 from facewright.imaging.component_mask import COMPONENTS, component_freedom, component_level, component_shapes
 from facewright.imaging.mesh_view import MeshView
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from facewright.apps.photo_subject import PhotoSubject
     from facewright.faces.face import Face
     from facewright.fitting.image import PhotoFit
-    from facewright.models.bilinear import BilinearModel
 
 Progress = Callable[[str, int, int], None]
 
@@ -133,7 +133,7 @@ def transfer_component(request: TransferRequest, progress: Progress | None = Non
 
     report = _reporter(progress)
     report("reading the model", 0)
-    model = _model(request.model, progress)
+    model = model_or_default(request.model, progress)
     subjects = []
     for k, (photo, face, points) in enumerate(
         (
@@ -380,16 +380,6 @@ def _squared_residual(fit: PhotoFit) -> float:
     """Return the sum of squared distances of the landmarks from the fit's, by the squared inter-ocular distance."""
     scale = interocular_distance(fit.reprojection, fit.landmarks.scheme)
     return float(np.nansum((fit.residuals_px / scale) ** 2))
-
-
-def _model(path: Path | None, progress: Progress | None) -> BilinearModel:
-    if path is None:
-        from facewright.apps.default_model import default_model
-
-        return default_model(progress)
-    from facewright.models.bilinear_store import load_bilinear
-
-    return load_bilinear(path)
 
 
 def _reporter(progress: Progress | None) -> Callable[[str, int], None]:

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from facewright.cli.console import Progress, say_aside
+from facewright.cli.console import say_aside
 
 if TYPE_CHECKING:
-    from facewright.apps.photo_subject import PhotoSubject
-    from facewright.models.bilinear import BilinearModel
+    pass
 
 ModelOption = Annotated[
     Path | None,
@@ -32,48 +31,6 @@ FocalOption = Annotated[
     float | None,
     typer.Option("--focal", help="Focal length in pixels; from the photo's EXIF data, or estimated, if absent."),
 ]
-
-
-def load_model(model: Path | None, progress: Progress | None = None) -> BilinearModel:
-    """Return the model of `--model`, or the default one."""
-    if model is None:
-        from facewright.apps.default_model import default_model
-
-        return default_model(progress)
-    from facewright.models.bilinear_store import load_bilinear
-
-    return load_bilinear(model)
-
-
-def open_subject(
-    photo: Path,
-    model: BilinearModel,
-    *,
-    face: int = 0,
-    landmarks: Path | None = None,
-    task_file: Path | None = None,
-    focal: float | None = None,
-    progress: Progress | None = None,
-) -> PhotoSubject:
-    """Return the person in a photo, with the remarks about it said aside."""
-    from facewright.apps.photo_subject import open_photo_subject
-
-    points = None
-    if landmarks is not None:
-        from facewright.landmarks.files import read_landmarks
-
-        points = read_landmarks(landmarks)
-    subject = open_photo_subject(
-        photo,
-        model,
-        face_index=face,
-        landmarks=points,
-        task_file=task_file,
-        focal_length=focal,
-        progress=progress,
-    )
-    say_remarks(subject.remarks)
-    return subject
 
 
 def say_remarks(remarks: tuple[str, ...]) -> None:
