@@ -30,6 +30,7 @@ _LEAST_SEEN = 0.5  # of the component, that the reference must show
 # pairs of one simulated person 19 in 20 stay below, of pairs of two 7 in 8 lie above.
 _TWO_PEOPLE = 0.009
 _OTHER_SIDE_DEGREES = 15.0  # a nose seen from so far aside shows other nostrils and other wings
+_PLURAL = ("eyes", "brows")
 _STILL_MM = 1e-6  # what is less is rounding: a photo's own component moves nothing
 _MARGIN = 0.15  # round the face's skin, as a share of its size: what the blend may look at
 
@@ -261,6 +262,7 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
         aligned,
         inside[component],
         (inside["face"] > 0.0) & ~pixels.openings,
+        openings=pixels.openings,
         brows=inside["brows"] if component in ("brows", "face") else None,
         away_from_outline=component == "face",
         colourless=is_grey(reference.photo) and not is_grey(target.photo),
@@ -371,7 +373,7 @@ def _remarks(
         )
     if is_grey(reference.photo) and not is_grey(target.photo):
         remarks.append(
-            f"The reference has no colours: the {component} is tinted like the skin around it, teeth and eyes too."
+            f"The reference has no colours: the {component} {'take' if component in _PLURAL else 'takes'} the target's."
         )
     return tuple(remarks)
 

@@ -19,6 +19,7 @@ from facewright.numeric.check import check_shape
 _SEEN = 0.5  # of `AlignedPicture.seen`: what counts as shown
 _FLOOR = 0.03  # added to linear light before logarithms: the noise of dark pixels must not count
 _LIGHT_MM = 12.0  # over this distance light is taken to vary; what varies faster is the face
+_RELIGHT = 2  # times: the floor makes the first difference of light too small where it is dark
 _LARGEST = np.log(3.0)  # of the light's variation about its mean
 _DECAY_MM = 5.0  # over this distance from the seam what the pictures differ by there dies out
 _FEATHER_MM = 4.0  # over this distance from the seam the two pictures are mixed: folds that it cuts fade
@@ -26,6 +27,7 @@ _HAIR_MM = 12.0  # twice the width of a brow: coarser differences are light
 # Skin that is turned further away than this wears its outline's own light, less so next to features.
 _OUTLINE, _FEATURES_OUTLINE, _FEATURES = 0.55, 0.35, 1.5
 _TEETH = (-0.7, -0.1)  # log of light relative to the skin's, between which what is seen in an opening loses its tint
+_TINT_SPAN = 0.7  # difference in log light over which colour is taken to change with lightness
 _TINT_MM = 1.0  # colours of the target are taken over with this blur
 _PINHOLE_MM = 4.0  # a hole of less than a square of this side is filled
 _COARSE = 6.0  # pixels that stand for `_LIGHT_MM` where light is compared
@@ -56,6 +58,7 @@ def blend_component(
     level: NDArray[np.floating],
     skin: NDArray[np.bool_],
     *,
+    openings: NDArray[np.bool_] | None = None,
     brows: NDArray[np.floating] | None = None,
     away_from_outline: bool = False,
     colourless: bool = False,
@@ -70,9 +73,11 @@ def blend_component(
         Picture that shows the component, the alignment's flow applied.
     level : ndarray of shape (H, W)
         From `facewright.imaging.component_mask.component_pixels`: 1 and more is replaced, the seam runs between 1
-        and 0; 2 in openings.
+        and 0.
     skin : ndarray of shape (H, W), bool
         Pixels of the face's skin away from its outline: where light and grain are compared.
+    openings : ndarray of shape (H, W), bool, optional
+        Pixels between lips or lids; none where absent.
     brows : ndarray of shape (H, W), optional
         Level of the brows, whose contrast is limited; nothing is where absent.
     away_from_outline : bool
@@ -103,21 +108,24 @@ def blend_component(
     sizes = check_shape("warped", warped, "H", "W", 3)
     check_shape("level", level, "H", "W", **sizes)
     check_shape("skin", skin, "H", "W", **sizes)
+    openings = np.zeros(level.shape, bool) if openings is None else openings
+    check_shape("openings", openings, "H", "W", **sizes)
     shown = aligned.seen >= _SEEN
     inner = level >= 1.0
     if not inner.any():
         raise DegenerateError("the target must show the component, got a view that hides it.")
     share = float((inner & shown).sum() / inner.sum())
     if away_from_outline:
-        shown &= _away_from_outline(aligned, level)
+        shown &= _away_from_outline(aligned, level) | openings
     outer = (level > 0.0) & shown
     if not (outer & inner).any():
         return ComponentBlend(warped.copy(), np.zeros(level.shape, bool), 0.0)
     target, source = _log_light(warped), _log_light(aligned.image)
-    light = _light_difference(target - source, skin & shown, aligned.pixels_per_mm)
-    source += light.mean(axis=2, keepdims=True) if colourless else light
+    for _ in range(_RELIGHT):
+        light = _light_difference(target - source, skin & shown, aligned.pixels_per_mm)
+        source = _relit(source, light.mean(axis=2, keepdims=True) if colourless else light)
     if colourless:
-        source += _tint(source, target, level >= 2.0, skin & shown, aligned.pixels_per_mm)
+        source += _tint(source, target, openings, skin & shown, aligned.pixels_per_mm)
     source = match_grain(source, target, skin & shown)
     if brows is not None:
         source = limit_contrast(source, target, np.clip(brows, 0.0, 1.0) * shown, _HAIR_MM * aligned.pixels_per_mm)
@@ -126,7 +134,7 @@ def blend_component(
     image = warped.copy()
     correction = blend_gradients(target, source, mask)[mask] - source[mask]
     depth = ndimage.distance_transform_edt(mask)[mask] / (_DECAY_MM * aligned.pixels_per_mm)
-    result = source[mask] + np.exp(-(depth**2))[:, None] * correction
+    result = _relit(source[mask], np.exp(-(depth**2))[:, None] * correction)
     part = _feather(mask, inner, _FEATHER_MM * aligned.pixels_per_mm)[mask][:, None]
     image[mask] = _picture(target[mask] + part * (result - target[mask]))
     return ComponentBlend(image, mask, share)
@@ -135,7 +143,7 @@ def blend_component(
 def _away_from_outline(aligned: AlignedPicture, level: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Tell which pixels lie away from the face's outline in both pictures; steep sides of a nose are inside it."""
     steep = np.where(level >= _FEATURES, _FEATURES_OUTLINE, _OUTLINE)
-    flat = (ndimage.gaussian_filter(aligned.facing, aligned.pixels_per_mm) >= steep) | (level >= 2.0)
+    flat = ndimage.gaussian_filter(aligned.facing, aligned.pixels_per_mm) >= steep
     return np.asarray(ndimage.binary_fill_holes(flat))
 
 
@@ -160,15 +168,31 @@ def _tint(
     skin: NDArray[np.bool_],
     pixels_per_mm: float,
 ) -> NDArray[np.float32]:
-    """Return the colour (H, W, 3) of the target without its lightness; none where teeth are seen."""
-    sigma = _TINT_MM * pixels_per_mm
-    colour = ndimage.gaussian_filter(target - target.mean(axis=2, keepdims=True), (sigma, sigma, 0.0))
-    if skin.any() and openings.any():
-        low, high = _TEETH
-        apart = source.mean(axis=2) - np.median(target.mean(axis=2)[skin])
-        near = ndimage.gaussian_filter(ndimage.binary_dilation(openings).astype(np.float32), 0.5 * sigma)
-        colour *= (1.0 - near * np.clip((apart - low) / (high - low), 0.0, 1.0))[..., None]
+    """Return the colour (H, W, 3) of the target without its lightness, as it is at the source's lightness.
+
+    What is bright in an opening, teeth and the white of eyes, gives no colour away and gets none.
+    """
+    sigma = (_TINT_MM * pixels_per_mm, _TINT_MM * pixels_per_mm, 0.0)
+    luma = target.mean(axis=2, keepdims=True)
+    level = float(np.median(luma[skin])) if skin.any() else 0.0
+    near = ndimage.gaussian_filter(ndimage.binary_dilation(openings, iterations=2).astype(np.float32), sigma[0])
+    known = 1.0 - np.minimum(2.0 * near, 1.0) * _bright(luma[..., 0] - level) + 1e-3
+    colour = ndimage.gaussian_filter((target - luma) * known[..., None], sigma)
+    colour /= ndimage.gaussian_filter(known, sigma[:2])[..., None]
+    if skin.sum() > 1:  # highlights are paler than skin, folds redder: not all of them are where the source has them
+        apart = luma[skin] - luma[skin].mean()
+        slope = (apart * (target - luma)[skin]).sum(axis=0) / max(float((apart**2).sum()), 1e-9)
+        change = source.mean(axis=2, keepdims=True) - ndimage.gaussian_filter(luma, sigma)
+        colour += slope * np.clip(change, -_TINT_SPAN, _TINT_SPAN)
+    near = ndimage.gaussian_filter(openings.astype(np.float32), 0.5 * sigma[0])
+    colour *= (1.0 - near * _bright(source.mean(axis=2) - level))[..., None]
     return np.asarray(colour, dtype=np.float32)
+
+
+def _bright(above_skin: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Return how sure it is that what an opening shows is teeth or the white of an eye, from log light over skin's."""
+    low, high = _TEETH
+    return np.asarray(np.clip((above_skin - low) / (high - low), 0.0, 1.0))
 
 
 def _without_pinholes(mask: NDArray[np.bool_], pixels_per_mm: float) -> NDArray[np.bool_]:
@@ -203,6 +227,12 @@ def _light_difference(
     at = np.meshgrid(*grid, indexing="ij")
     field = [ndimage.map_coordinates(c, at, order=1, mode="nearest") for c in np.moveaxis(smooth, 2, 0)]
     return np.asarray(np.stack(field, axis=-1) + middle, dtype=np.float32)
+
+
+def _relit(log_light: NDArray[np.float32], change: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return logarithms of light multiplied by exp(change): without the floor, so that dark hair does not go black."""
+    light = np.maximum(np.exp(log_light) - _FLOOR, 0.0)
+    return np.asarray(np.log(light * np.exp(change) + _FLOOR), dtype=np.float32)
 
 
 def _block_means(values: NDArray[np.floating], step: int) -> NDArray[np.float32]:
