@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from facewright.apps.true_landmarks import true_landmarks
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.camera.rotation import rotation_from_head_angles
+from facewright.evaluation.textured_background import textured_background
 from facewright.faces.appearance import Appearance, albedo_function, sample_appearance, vertex_gloss, visible_faces
 from facewright.faces.expressions import random_expression_weights
 from facewright.faces.face import Face
@@ -111,7 +112,7 @@ def simulate_pair(
     angles = rng.uniform(-1.0, 1.0, 3) * POSE
     turned = angles + rng.uniform(-1.0, 1.0, 3) * POSE_CHANGE
     first, second = _camera(angles, rng), _camera(turned, rng)
-    grounds = _background(look, rng), _background(other, rng)
+    grounds = [textured_background(each.background, IMAGE_SIZE, rng) for each in (look, other)]
     target = _shoot(face, person.pose(target_weights), first, look, grounds[0], rng)
     reference = _shoot(face, person.pose(reference_weights), second, elsewhere, grounds[1], rng)
     truth = _shoot(face, person.pose(wanted), first, look, grounds[0], rng)
@@ -191,16 +192,3 @@ def _shoot(
     exact = true_landmarks(skin.topology, skin.mean_shape, vertices[: face.n_skin], intrinsics, motion)
     noisy = Landmarks("fw74", exact.points + rng.normal(0.0, NOISE_PX, exact.points.shape))
     return Shot(image, noisy, view)
-
-
-def _background(look: Appearance, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return a wall with stripes and shadows, so that a warp of the background is seen."""
-    height, width = IMAGE_SIZE
-    y, x = np.mgrid[:height, :width] / height
-    waves = sum(
-        np.sin(2 * np.pi * (fx * x + fy * y) + phase)
-        for fx, fy, phase in zip(rng.normal(0, 3, 6), rng.normal(0, 3, 6), rng.uniform(0, 2 * np.pi, 6), strict=True)
-    )
-    stripes = np.sign(np.sin(2 * np.pi * rng.uniform(8, 16) * (x + rng.uniform(-0.3, 0.3) * y)))
-    shade = 1.0 + 0.05 * waves + 0.06 * stripes
-    return np.clip(np.array(look.background) * shade[..., None], 0, 255).astype(np.uint8)

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.evaluation.simulated_performance import simulate_performance
+from facewright.evaluation.textured_background import textured_background
 from facewright.faces.appearance import Appearance, albedo_function, sample_appearance, vertex_gloss, visible_faces
 from facewright.faces.face import Face
 from facewright.faces.simulate import SimulatedPerson, simulate_person
@@ -137,21 +138,9 @@ def simulate_video(face: Face, rng: np.random.Generator, seconds: float = 10.0, 
         rest=rest,
         intrinsics=Intrinsics.for_image(IMAGE_SIZE, focal),
         appearance=look,
-        background=_background(look.background, rng),
+        background=textured_background(look.background, IMAGE_SIZE, rng),
         seed=int(rng.integers(2**31)),
     )
-
-
-def _background(tone: tuple[int, int, int], rng: np.random.Generator) -> NDArray[np.uint8]:
-    """Return a textured wall (480, 640, 3): patches of several sizes and a few straight edges."""
-    height, width = IMAGE_SIZE
-    picture = np.broadcast_to(np.asarray(tone, dtype=np.float64), (height, width, 3)).copy()
-    for size, strength in ((40.0, 25.0), (8.0, 9.0), (1.5, 4.0)):
-        patches = ndimage.gaussian_filter(rng.standard_normal((height, width, 1)), (size, size, 0))
-        picture += strength * patches / patches.std()
-    for column in rng.integers(0, width, 4):
-        picture[:, column:] += rng.uniform(-25, 25)
-    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
 
 
 def _blurred(image: NDArray[np.uint8]) -> NDArray[np.float32]:
