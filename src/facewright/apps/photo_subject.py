@@ -328,8 +328,10 @@ def _complete_rig(fit: PhotoFit, face: Face) -> tuple[BlendshapeRig, PartsAttach
     from facewright.faces.shape_support import shape_support
 
     rig = fit.rig
-    rows = [face.blendshape_names.index(name) for name in rig.names]
-    local = rig.deltas * shape_support(face)[rows, : len(rig.neutral), None]
+    local, support = rig.deltas.copy(), shape_support(face)
+    for k, name in enumerate(rig.names):
+        if name in face.blendshape_names:  # a model may have expressions of its own
+            local[k] *= support[face.blendshape_names.index(name), : len(rig.neutral), None]
     if fit.model.n_vertices == face.topology.n_vertices:
         return BlendshapeRig(rig.neutral, rig.names, local), None
     from facewright.faces.attach_parts import parts_attacher
