@@ -273,9 +273,12 @@ def analyse(face: Face, folder: Path, people: Sequence[int], out: Path) -> None:
     vertices = choose_vertices(measured)
     r, who, weights, rotations = departures(measured, vertices)
     C, own, left = regress(r, who, weights, rotations)
+    freedom = len(left) - len(own) - len(C)
+    if len(own) < 2 or freedom < 1:
+        raise SystemExit(f"{len(own)} people in {len(left)} frames are too few: draw more people.")
     offset = own.mean(axis=0)
     _, strength, directions = np.linalg.svd((own - offset) / np.sqrt(len(own) - 1), full_matrices=False)
-    covariance = left.T @ left / (len(left) - len(own) - 52)
+    covariance = left.T @ left / freedom
     covariance = 0.95 * covariance + 0.05 * np.diag(np.diag(covariance)) + 0.2**2 * np.eye(len(covariance))
     root = np.linalg.cholesky(covariance)
     clear = solve_triangular(root, signals(face, vertices, C[N_POSE_TERMS:]), lower=True)
