@@ -41,7 +41,9 @@ class Remembers:
         self.state = 0.5 * self.state + level
         if level < 40:
             return SimpleNamespace(points=None, cut=False)
-        return SimpleNamespace(points=np.full((478, 2), self.state, np.float32), cut=abs(level - 150) < 1)
+        points = np.full((478, 2), self.state, np.float32)
+        points[0] = 4.0  # so that the square reaches into the picture
+        return SimpleNamespace(points=points, cut=abs(level - 150) < 1)
 
 
 @pytest.fixture(autouse=True)
@@ -64,6 +66,12 @@ def same(a: LandmarkVideo, b: LandmarkVideo) -> None:
     for name in ("times", "points", "tracked", "cuts"):
         np.testing.assert_array_equal(getattr(a.track, name), getattr(b.track, name))
     assert (a.info, a.start, a.notes) == (b.info, b.start, b.notes)
+    for k in range(a.track.n_frames):
+        one, other = a.crops.at(k), b.crops.at(k)
+        assert (one is None) == (other is None) == (not a.track.tracked[k])
+        if one is not None and other is not None:
+            np.testing.assert_array_equal(one.pixels, other.pixels)
+            assert one.step == other.step and (one.corner == other.corner).all()
 
 
 class Killed(BaseException):

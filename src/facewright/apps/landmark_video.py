@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from facewright.io.atomic import write_atomically
 from facewright.io.video_reader import VideoFrame, VideoInfo, VideoReader
+from facewright.landmarks.face_crops import FaceCrop, FaceCrops, cut_face
 from facewright.landmarks.track import LandmarkTrack
 from facewright.numeric.read_ahead import read_ahead
 
@@ -47,12 +48,15 @@ class LandmarkVideo:
         The file's own time of the first frame.
     notes : tuple of str
         What a user should know of the file: sentences.
+    crops : FaceCrops or None
+        The face's brightness in all frames, in mapped files of the work folder.
     """
 
     track: LandmarkTrack
     info: VideoInfo
     start: float
     notes: tuple[str, ...]
+    crops: FaceCrops | None = None
 
 
 def find_video_landmarks(
@@ -95,10 +99,10 @@ def find_video_landmarks(
             _write_json(ending, {"frames": n_frames, "notes": video.notes})
         start = video.start
     said = json.loads(ending.read_text(encoding="utf-8"))
-    track = _joined(folder, int(said["frames"]), (info.height, info.width))
+    track, crops = _joined(folder, int(said["frames"]), (info.height, info.width))
     if progress is not None:
         progress(STAGE, track.n_frames, track.n_frames)
-    return LandmarkVideo(track, info, start, tuple(said["notes"]))
+    return LandmarkVideo(track, info, start, tuple(said["notes"]), crops)
 
 
 def _find_pieces(
@@ -119,9 +123,9 @@ def _find_pieces(
         with VideoDetector(face_index, task_file) as detector:
             for frame in warm:
                 detector.detect(frame.image)
-            found = _detected(detector, piece, warm, info, progress)
+            found, crops = _detected(detector, piece, warm, info, progress)
         n_frames += len(found["times"])
-        _write_piece(folder, (n_frames - 1) // PIECE, found)
+        _write_piece(folder, (n_frames - 1) // PIECE, found, crops)
     return n_frames
 
 
@@ -162,28 +166,37 @@ def _detected(
     warm: deque[VideoFrame],
     info: VideoInfo,
     progress: Progress | None,
-) -> dict[str, NDArray[Any]]:
-    """Detect the face in the frames of one piece; its last frames go into `warm`."""
+) -> tuple[dict[str, NDArray[Any]], FaceCrops]:
+    """Detect the face in the frames of one piece, and cut it out; the piece's last frames go into `warm`."""
     times, points, cuts = [], [], []
+    crops: list[FaceCrop | None] = []
     for frame in piece:
         found = detector.detect(frame.image)
         times.append(frame.time)
         points.append(found.points)
+        crops.append(None if found.points is None else cut_face(frame.image, found.points))
         cuts.append(found.cut)
         warm.append(frame)
         if progress is not None:
             progress(STAGE, frame.number + 1, max(info.n_frames, frame.number + 1))
     track = LandmarkTrack.of(times, points, (info.height, info.width), cuts)
-    return {name: getattr(track, name) for name in _NAMES}
+    return {name: getattr(track, name) for name in _NAMES}, FaceCrops.of(crops)
 
 
 def _piece_path(folder: Path, number: int) -> Path:
     return folder / f"{number:06d}.npz"
 
 
-def _write_piece(folder: Path, number: int, found: dict[str, NDArray[Any]]) -> None:
+def _crops_path(folder: Path, number: int) -> Path:
+    return folder / f"{number:06d}.crops.npy"
+
+
+def _write_piece(folder: Path, number: int, found: dict[str, NDArray[Any]], crops: FaceCrops) -> None:
+    # the pixels first: a piece that is there is whole
+    with write_atomically(_crops_path(folder, number)) as temporary, temporary.open("wb") as stream:
+        np.save(stream, crops.pieces[0])
     with write_atomically(_piece_path(folder, number)) as temporary, temporary.open("wb") as stream:
-        np.savez(stream, **found)
+        np.savez(stream, **found, corners=crops.corners, steps=crops.steps)
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
@@ -202,11 +215,14 @@ def _complete_pieces(folder: Path) -> int:
     return done
 
 
-def _joined(folder: Path, n_frames: int, image_size: tuple[int, int]) -> LandmarkTrack:
-    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in _NAMES}
+def _joined(folder: Path, n_frames: int, image_size: tuple[int, int]) -> tuple[LandmarkTrack, FaceCrops]:
+    parts: dict[str, list[NDArray[Any]]] = {name: [] for name in (*_NAMES, "corners", "steps")}
+    pixels = []
     for number in range(-(-n_frames // PIECE)):
         with np.load(_piece_path(folder, number)) as stored:
-            for name in _NAMES:
-                parts[name].append(stored[name])
+            for name, arrays in parts.items():
+                arrays.append(stored[name])
+        pixels.append(np.load(_crops_path(folder, number), mmap_mode="r"))
     joined = {name: np.concatenate(arrays) for name, arrays in parts.items()}
-    return LandmarkTrack(joined["times"], joined["points"], joined["tracked"], image_size, joined["cuts"])
+    track = LandmarkTrack(joined["times"], joined["points"], joined["tracked"], image_size, joined["cuts"])
+    return track, FaceCrops(pixels, joined["corners"], joined["steps"])

@@ -6,7 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from facewright.errors import NoFaceError, ValueRangeError
 from facewright.io.atomic import write_atomically
 from facewright.io.video_reader import VideoReader
 from facewright.io.work_folder import WorkFolder, file_identity
+from facewright.landmarks.face_crops import CROP_SIDE
 from facewright.numeric.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ def track(
     from facewright import __version__
     from facewright.fitting.video import VideoFitter
 
-    folder = work.stage(STAGE, choice.identity() | {"version": __version__})
+    folder = work.stage(STAGE, choice.identity() | {"version": __version__, "crops": CROP_SIDE})
     began = time.perf_counter()
     video = find_video_landmarks(
         choice.video, folder, face_index=choice.face_index, task_file=choice.task_file, progress=progress
@@ -162,7 +163,8 @@ def track(
     if not video.track.tracked.any():
         raise NoFaceError(f"{choice.video} must show a face, none was found in any of its {T} frames.")
     with one_blas_thread():
-        fit = VideoFitter(model).fit(video.track, progress=progress)
+        fit = VideoFitter(model).fit(video.track, progress=progress, crops=video.crops)
+    video = replace(video, crops=None)  # files of the work folder, which goes away
     performance, gaps = fill_untracked(fit.performance, video.track.cuts)
     fitted = time.perf_counter()
     notes = list(video.notes)

@@ -27,6 +27,7 @@ from facewright.faces.face import Face
 from facewright.faces.simulate import SimulatedPerson, simulate_person, simulate_population
 from facewright.fitting.video import VideoFit, VideoFitter
 from facewright.landmarks.contour import face_region
+from facewright.landmarks.face_crops import FaceCrops, cut_face
 from facewright.landmarks.scheme import load_scheme
 from facewright.landmarks.track import LandmarkTrack
 from facewright.landmarks.video_detector import VideoDetector
@@ -99,11 +100,11 @@ def run(
     kept: list[NDArray[np.uint8]] = []
     for k in range(subjects):
         clip = simulate_video(face, np.random.default_rng((seed, 2, k)), seconds, rest_first=k % 2 == 0)
-        track, detect_s = _track(clip, kept if k == 0 else None, progress, f"drawing clip {k + 1} of {subjects}")
+        track, crops, detect_s = _track(clip, kept if k == 0 else None, progress, f"drawing clip {k + 1} of {subjects}")
         other = simulate_person(face, np.random.default_rng((seed, 3, k)))
-        figures.add(clip, track, detect_s, other)
+        figures.add(clip, track, crops, detect_s, other)
         for each in smaller.values():
-            each.add(clip, each.tracker.fitter.fit(track))
+            each.add(clip, each.tracker.fitter.fit(track, crops=crops))
     metrics = figures.metrics()
     for name, each in smaller.items():
         metrics |= {f"{key}_{name}": value for key, value in each.metrics().items()}
@@ -112,14 +113,16 @@ def run(
 
 def _track(
     clip: SimulatedVideo, kept: list[NDArray[np.uint8]] | None, progress: Progress | None, stage: str
-) -> tuple[LandmarkTrack, float]:
-    """Draw a clip and find its points; returns the detector's processor time too. Optionally keeps the pictures."""
-    found, seconds = [], 0.0
+) -> tuple[LandmarkTrack, FaceCrops, float]:
+    """Draw a clip and find its face; returns the detector's processor time too. Optionally keeps the pictures."""
+    found, crops, seconds = [], [], 0.0
     with VideoDetector() as detector:
         for k, image in enumerate(clip.images()):
             start = time.process_time()
-            found.append(detector.detect(image))
+            face = detector.detect(image)
+            crops.append(None if face.points is None else cut_face(image, face.points))
             seconds += time.process_time() - start
+            found.append(face)
             if kept is not None:
                 kept.append(image)
             if progress is not None:
@@ -127,7 +130,7 @@ def _track(
     track = LandmarkTrack.of(
         clip.performance.times, [each.points for each in found], IMAGE_SIZE, [each.cut for each in found]
     )
-    return track, seconds
+    return track, FaceCrops.of(crops), seconds
 
 
 @dataclass
@@ -175,10 +178,12 @@ class _Figures:
     clips: dict[str, list[float]] = field(default_factory=dict)
     gaps: list[NDArray[np.float64]] = field(default_factory=list)
 
-    def add(self, clip: SimulatedVideo, track: LandmarkTrack, detect_s: float, other: SimulatedPerson) -> None:
+    def add(
+        self, clip: SimulatedVideo, track: LandmarkTrack, crops: FaceCrops, detect_s: float, other: SimulatedPerson
+    ) -> None:
         """Fit a clip and measure."""
         start = time.process_time()
-        fit = self.fitter.fit(track)
+        fit = self.fitter.fit(track, crops=crops)
         fit_s = time.process_time() - start
         ours, true = fit.performance, clip.performance
         self.whole.add(clip, fit)

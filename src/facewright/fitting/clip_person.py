@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,10 @@ class FrameState:
 
     pose: FramePose
     beta: NDArray[np.float64]
+
+
+#: Something else known of a frame: Gauss-Newton Hessian and gradient in (pose step, beta) at a state.
+Extra = Callable[[FrameState], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +79,22 @@ def frame_energy(
 
 
 def frame_quadratic(
-    model: DenseModel, found: NDArray[np.float64], person: ClipPerson, terms: CoefficientTerms, state: FrameState
+    model: DenseModel,
+    found: NDArray[np.float64],
+    person: ClipPerson,
+    terms: CoefficientTerms,
+    state: FrameState,
+    extra: Extra | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return Gauss-Newton Hessian and gradient of a frame's energy in (pose step, beta)."""
     system = model.system(found, person, state.pose, state.beta)
     H, g = system.by_own.T @ system.by_own, system.by_own.T @ system.residual
     H[N_POSE:, N_POSE:] += terms.hessian
     g[N_POSE:] += terms.gradient(state.beta)
+    if extra is not None:
+        more = extra(state)
+        H += more[0]
+        g += more[1]
     H[np.diag_indices(N_POSE)] += 1e-9 * np.diag(H)[:N_POSE]
     return H, g
 
@@ -93,11 +106,12 @@ def fit_frame(
     terms: CoefficientTerms,
     start: FrameState,
     iterations: int,
+    extra: Extra | None = None,
 ) -> FrameState:
     """Return a frame's pose and coefficients for a known person, by Gauss-Newton within bounds."""
     state = start
     for _ in range(iterations):
-        H, g = frame_quadratic(model, found, person, terms, state)
+        H, g = frame_quadratic(model, found, person, terms, state, extra)
         step, beta = bounded_step(H, g, N_POSE, state.beta, 0.0)
         if not np.isfinite(step).all():
             return state

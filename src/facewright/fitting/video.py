@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from facewright.camera.pinhole import Intrinsics
-from facewright.errors import DegenerateError, ValueRangeError
+from facewright.errors import DegenerateError, ShapeError, ValueRangeError
 from facewright.fitting.clip_gaze import clip_gaze, whole_face
 from facewright.fitting.clip_person import (
     ClipPersonFitter,
@@ -20,13 +21,18 @@ from facewright.fitting.clip_person import (
     spread_frames,
     start_state,
 )
+from facewright.fitting.clip_rest import without_rest
 from facewright.fitting.dense_model import N_POSE, ClipPerson, DenseModel
 from facewright.fitting.energies.coefficient_terms import CoefficientTerms
 from facewright.fitting.energies.expression_prior import ExpressionPrior
+from facewright.fitting.face_surface import FaceSurface, SurfacePoints
+from facewright.fitting.image_term import ImageTerm
 from facewright.fitting.lid_aperture import lid_closure, open_aperture
 from facewright.fitting.performance_smoothing import fill_gaps, smooth_coefficients, smooth_motion
 from facewright.fitting.perspective_refinement import CameraPrior
+from facewright.fitting.shot_image import SHOT_FRAMES, learn_shot
 from facewright.landmarks.dense import DensePoints
+from facewright.landmarks.face_crops import FaceCrops
 from facewright.landmarks.points import interocular_distance
 from facewright.landmarks.track import LandmarkTrack
 from facewright.models.bilinear import BilinearModel
@@ -39,6 +45,8 @@ Progress = Callable[[str, int, int], None]
 _CANDIDATES = 160
 #: Frames that are smoothed together, and how many at each end are only looked at.
 _CHUNK, _MARGIN = 750, 50
+#: Steps of each frame by points and picture before the last.
+_PICTURE_STEPS = 1
 
 
 @dataclass(frozen=True)
@@ -53,6 +61,8 @@ class VideoFitOptions:
         Focal length in pixels where it is known; guessed from the picture's size, and refined, otherwise.
     expression_spread, expression_sparsity : float
         Prior of the FACS coefficients, see `ExpressionPrior`.
+    picture_sparsity : float
+        Sparsity instead where pictures are seen, which tell more.
     smoothness : float
         Strength of the smoothing over time; 0 leaves every frame on its own.
     rest_freedom : float
@@ -63,6 +73,7 @@ class VideoFitOptions:
     focal_length: float | None = None
     expression_spread: float = 0.35
     expression_sparsity: float = 4.0
+    picture_sparsity: float = 16.0
     smoothness: float = 1.0
     rest_freedom: float = 1.0
 
@@ -71,10 +82,10 @@ class VideoFitOptions:
             raise ValueRangeError(f"key_frames must be at least 1, got {self.key_frames}.")
         if not self.expression_spread > 0:
             raise ValueRangeError(f"expression_spread must be positive, got {self.expression_spread}.")
-        if self.smoothness < 0 or self.expression_sparsity < 0:
+        if min(self.smoothness, self.expression_sparsity, self.picture_sparsity) < 0:
             raise ValueRangeError(
-                f"smoothness and expression_sparsity must not be negative, got {self.smoothness} and "
-                f"{self.expression_sparsity}."
+                f"smoothness, expression_sparsity and picture_sparsity must not be negative, got {self.smoothness}, "
+                f"{self.expression_sparsity} and {self.picture_sparsity}."
             )
         if self.focal_length is not None and not (np.isfinite(self.focal_length) and self.focal_length > 0):
             raise ValueRangeError(f"focal_length must be positive, got {self.focal_length}.")
@@ -157,6 +168,9 @@ class VideoFitter:
         self.dense = DenseModel(model, points, self.options.rest_freedom)
         prior = ExpressionPrior(self.options.expression_spread, self.options.expression_sparsity)
         self._terms = CoefficientTerms.of(self.dense.names, prior)
+        with_pictures = replace(prior, sparsity=self.options.picture_sparsity)
+        self._picture_terms = CoefficientTerms.of(self.dense.names, with_pictures)
+        self._skin: SurfacePoints | None = None
 
     def identity(self, track: LandmarkTrack) -> ClipIdentity:
         """Find who acts, from key frames of the whole clip that are unlike one another.
@@ -179,12 +193,19 @@ class VideoFitter:
         person, intrinsics, _ = ClipPersonFitter(self.dense, lens).fit(frames, track.image_size)
         return ClipIdentity(self.model, self.dense.identity_of(person), intrinsics, person, opened)
 
-    def _frame_terms(self, track: LandmarkTrack, row: int, opened: NDArray[np.float64]) -> CoefficientTerms:
-        """Return what is known of a frame's coefficients besides its points."""
-        return self._terms.with_lids(lid_closure(track.points[row : row + 1], opened)[0])
+    def _frame_terms(
+        self, track: LandmarkTrack, row: int, opened: NDArray[np.float64], pictures: bool = False
+    ) -> CoefficientTerms:
+        """Return what is known of a frame's coefficients besides its points and its picture."""
+        terms = self._picture_terms if pictures else self._terms
+        return terms.with_lids(lid_closure(track.points[row : row + 1], opened)[0])
 
     def fit(
-        self, track: LandmarkTrack, identity: ClipIdentity | None = None, progress: Progress | None = None
+        self,
+        track: LandmarkTrack,
+        identity: ClipIdentity | None = None,
+        progress: Progress | None = None,
+        crops: FaceCrops | None = None,
     ) -> VideoFit:
         """Follow the face through a clip.
 
@@ -196,6 +217,8 @@ class VideoFitter:
             Who acts, where it is known from `identity`; found first where absent.
         progress : callable, optional
             Called with stage, done, total.
+        crops : FaceCrops, optional
+            The face's brightness in the same frames: what points do not tell is then read from the skin.
 
         Returns
         -------
@@ -206,20 +229,30 @@ class VideoFitter:
         ------
         DegenerateError
             If no frame of the track has a face.
+        ShapeError
+            If there are not as many crops as frames.
         """
+        if crops is not None and crops.n_frames != track.n_frames:
+            raise ShapeError(f"crops must be of {track.n_frames} frames, got {crops.n_frames}.")
         who = identity or self.identity(track)
+        surface = None if crops is None else self._surface(who)
         T, B = track.n_frames, self.dense.n_shapes
         weights, residuals = np.zeros((T, B)), np.full(T, np.nan)
         rotations, translations = np.tile(np.eye(3), (T, 1, 1)), np.zeros((T, 3))
-        for run in _runs(track):
+        learned: slice | None = None
+        image: ImageTerm | None = None
+        for shot, run in _runs(track):
+            if crops is not None and surface is not None and shot is not learned:
+                learned, image = shot, self._image(track, who, crops, surface, shot)
             for chunk, kept in _chunks(run):
-                states, beta = self._fit_chunk(track, who, chunk, progress)
+                states, beta = self._fit_chunk(track, who, chunk, progress, image, crops)
                 motion = smooth_motion([state.pose for state in states], track.times[chunk], self.options.smoothness)
                 inner = slice(kept.start - chunk.start, kept.stop - chunk.start)
                 weights[kept] = beta[inner]
                 rotations[kept], translations[kept] = motion[0][inner], motion[1][inner]
                 for row in range(kept.start, kept.stop):
                     residuals[row] = self._residual(track, who, row, states[row - chunk.start])
+        weights[track.tracked] = without_rest(weights[track.tracked])
         performance = Performance(
             times=track.times,
             names=self.dense.names,
@@ -234,8 +267,33 @@ class VideoFitter:
             performance = replace(performance, gaze=clip_gaze(*whole, who.intrinsics, performance, track))
         return VideoFit(who, fill_gaps(performance), residuals)
 
+    def _surface(self, who: ClipIdentity) -> FaceSurface:
+        """Return the skin of the person in the clip."""
+        if self._skin is None:
+            self._skin = SurfacePoints(self.model)
+        return self._skin.of(who.rig)
+
+    def _image(
+        self, track: LandmarkTrack, who: ClipIdentity, crops: FaceCrops, surface: FaceSurface, shot: slice
+    ) -> ImageTerm | None:
+        """Learn what the skin looks like in a shot."""
+        rows = shot.start + np.flatnonzero(track.tracked[shot] & (crops.steps[shot] > 0))
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, SHOT_FRAMES).astype(int))] if len(rows) else rows
+        frames = [
+            KeyFrame(self.dense.detected(track.points[row]), self._frame_terms(track, row, who.open_eyes, True))
+            for row in rows.tolist()
+        ]
+        seen = [crop for row in rows.tolist() if (crop := crops.at(row)) is not None]
+        return learn_shot(self.dense, surface, frames, seen, who.person, who.intrinsics)
+
     def _fit_chunk(
-        self, track: LandmarkTrack, who: ClipIdentity, chunk: slice, progress: Progress | None
+        self,
+        track: LandmarkTrack,
+        who: ClipIdentity,
+        chunk: slice,
+        progress: Progress | None,
+        image: ImageTerm | None,
+        crops: FaceCrops | None,
     ) -> tuple[list[FrameState], NDArray[np.float64]]:
         """Fit each frame from where the one before ended, then smooth the coefficients over time."""
         B = self.dense.n_shapes
@@ -245,9 +303,13 @@ class VideoFitter:
         for k in range(n):
             found = self.dense.detected(track.points[chunk.start + k])
             start = states[-1] if k else start_state(self.dense, found, who.person, who.intrinsics)
-            terms = self._frame_terms(track, chunk.start + k, who.open_eyes)
+            terms = self._frame_terms(track, chunk.start + k, who.open_eyes, image is not None)
             state = fit_frame(self.dense, found, who.person, terms, start, 1 if k else 5)
-            H, g = frame_quadratic(self.dense, found, who.person, terms, state)
+            crop = None if crops is None else crops.at(chunk.start + k)
+            extra = None if image is None or crop is None else partial(image.quadratic, crop)
+            if extra is not None:
+                state = fit_frame(self.dense, found, who.person, terms, state, _PICTURE_STEPS, extra)
+            H, g = frame_quadratic(self.dense, found, who.person, terms, state, extra)
             hessians[k], slopes[k], state = _without_pose(H, g, state)
             states.append(state)
             if progress is not None:
@@ -288,12 +350,12 @@ def _without_pose(
     return S, slope, FrameState(state.pose.moved(step), beta)
 
 
-def _runs(track: LandmarkTrack) -> list[slice]:
-    """Return the unbroken runs of tracked frames."""
+def _runs(track: LandmarkTrack) -> list[tuple[slice, slice]]:
+    """Return the unbroken runs of tracked frames, each with its shot before it."""
     runs = []
     for shot in track.shots():
         edges = np.flatnonzero(np.diff(np.concatenate([[False], track.tracked[shot], [False]]).astype(int)))
-        runs += [slice(shot.start + int(a), shot.start + int(b)) for a, b in edges.reshape(-1, 2)]
+        runs += [(shot, slice(shot.start + int(a), shot.start + int(b))) for a, b in edges.reshape(-1, 2)]
     return runs
 
 
