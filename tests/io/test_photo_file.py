@@ -1,6 +1,7 @@
 """Photos read to be changed and written again."""
 
 import builtins
+import struct
 
 import numpy as np
 import pytest
@@ -92,6 +93,18 @@ def test_heic_without_its_plug_in_names_it(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(FileFormatError, match="pip install pillow-heif"):
         read_photo(tmp_path / "a.heic")
+
+
+def test_tiff_of_floating_point_colours_is_told(tmp_path):
+    colours, n = bytes(4 * 4 * 3 * 4), 10
+    lists = 8 + 2 + 12 * n + 4  # where the directory ends
+    fields = [(256, 1, 4), (257, 1, 4), (258, 3, lists), (259, 1, 1), (262, 1, 2), (273, 1, lists + 12), (277, 1, 3)]
+    fields += [(278, 1, 4), (279, 1, len(colours)), (339, 3, lists + 6)]
+    entries = b"".join(struct.pack("<HHII", tag, 3, count, value) for tag, count, value in fields)
+    start = b"II*\0" + struct.pack("<IH", 8, n) + entries + bytes(4)
+    (tmp_path / "a.tif").write_bytes(start + struct.pack("<6H", 32, 32, 32, 3, 3, 3) + colours)
+    with pytest.raises(FileFormatError, match="floating point"):
+        read_photo(tmp_path / "a.tif")
 
 
 def test_refuses_what_is_no_picture(tmp_path):

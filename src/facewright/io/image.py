@@ -279,6 +279,9 @@ def _opened(file: Path, max_pixels: int) -> Image.Image:
             raise FileFormatError(
                 f"{file} is a HEIC picture, which needs a plug-in: pip install pillow-heif, or save it as JPEG or PNG."
             ) from error
+        if _starts(file, 4) in (b"II*\0", b"MM\0*"):
+            sentence = f"{file} must be a TIFF of whole numbers, got one of floating point or another kind; save 8 bits."
+            raise FileFormatError(sentence) from error
         raise FileFormatError(f"{file} must be a picture (JPEG, PNG, TIFF, WebP, ...), got something else.") from error
     except Image.DecompressionBombError as error:
         raise FileFormatError(f"{file} must have at most {max_pixels} pixels, got far more.") from error
@@ -307,9 +310,13 @@ def _register_heif() -> None:
 
 def _is_heic(file: Path) -> bool:
     """Tell HEIC and AVIF by the brand at the start of the file."""
-    with file.open("rb") as stream:
-        start = stream.read(16)
+    start = _starts(file, 16)
     return start[4:8] == b"ftyp" and start[8:12] in (b"heic", b"heix", b"heif", b"hevc", b"mif1", b"msf1")
+
+
+def _starts(file: Path, n_bytes: int) -> bytes:
+    with file.open("rb") as stream:
+        return stream.read(n_bytes)
 
 
 def _remarks(picture: Image.Image, file: Path) -> tuple[str, ...]:
