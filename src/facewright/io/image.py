@@ -280,7 +280,7 @@ def _opened(file: Path, max_pixels: int) -> Image.Image:
                 f"{file} is a HEIC picture, which needs a plug-in: pip install pillow-heif, or save it as JPEG or PNG."
             ) from error
         if _starts(file, 4) in (b"II*\0", b"MM\0*"):
-            sentence = f"{file} must be a TIFF of whole numbers, got one of floating point or another kind; save 8 bits."
+            sentence = f"{file} must be a TIFF of whole numbers, got one of floating point or the like; save 8 bits."
             raise FileFormatError(sentence) from error
         raise FileFormatError(f"{file} must be a picture (JPEG, PNG, TIFF, WebP, ...), got something else.") from error
     except Image.DecompressionBombError as error:
@@ -310,8 +310,7 @@ def _register_heif() -> None:
 
 def _is_heic(file: Path) -> bool:
     """Tell HEIC and AVIF by the brand at the start of the file."""
-    start = _starts(file, 16)
-    return start[4:8] == b"ftyp" and start[8:12] in (b"heic", b"heix", b"heif", b"hevc", b"mif1", b"msf1")
+    return _starts(file, 12)[4:] in [b"ftyp" + brand for brand in (b"heic", b"heix", b"heif", b"hevc", b"mif1", b"msf1")]
 
 
 def _starts(file: Path, n_bytes: int) -> bytes:
