@@ -310,7 +310,7 @@ def _register_heif() -> None:
 
 def _is_heic(file: Path) -> bool:
     """Tell HEIC and AVIF by the brand at the start of the file."""
-    return _starts(file, 12)[4:] in [b"ftyp" + brand for brand in (b"heic", b"heix", b"heif", b"hevc", b"mif1", b"msf1")]
+    return _starts(file, 12)[4:] in [b"ftyp" + kind for kind in (b"heic", b"heix", b"heif", b"hevc", b"mif1", b"msf1")]
 
 
 def _starts(file: Path, n_bytes: int) -> bytes:
