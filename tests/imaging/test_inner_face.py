@@ -233,6 +233,13 @@ def test_a_face_of_two_thousand_pixels_takes_seconds_and_looks_the_same(person, 
     assert psnr(block_means(large.astype(np.float32), n), image) > 32.0
 
 
+def test_mouth_and_eyes_look_as_they_did(person, redrawn, golden):
+    target = person.view(jawOpen=0.45, mouthLowerDown_L=0.4, mouthLowerDown_R=0.4, eyeBlink_R=0.5, eyeBlink_L=1.0)
+    image = redrawn({}).plain(target)
+    redrawn({}).inner.paint(image, target)
+    golden("inner_face", np.ascontiguousarray(image[30:270, 40:260]))
+
+
 def test_other_sizes_are_refused(person, neutral):
     photo, view, inner = neutral
     with pytest.raises(ShapeError):

@@ -6,7 +6,7 @@ import pytest
 from facewright.imaging.eye_layer import eye_layer, find_iris
 from facewright.imaging.inner_parts import EYE, LOWER_TOOTH, SKIN, UPPER_TOOTH, openings
 from facewright.imaging.lid_skin import front_areas, spread_over, unit_normals
-from facewright.imaging.mouth_layer import OPAQUE, mouth_layers, trim_lips
+from facewright.imaging.mouth_layer import OPAQUE, mouth_layers, teeth_in_slit, trim_lips
 from facewright.imaging.skin_layer import skin_layer
 from facewright.mesh.normals import face_area_vectors, vertex_normals
 
@@ -161,3 +161,16 @@ def test_values_spread_edge_by_edge():
     values = np.array([1.0, 0, 0, 0, 0, 0, 0])
     np.testing.assert_array_equal(spread_over(values, faces, 1), [1, 1, 1, 0, 0, 0, 0])
     np.testing.assert_array_equal(spread_over(values, faces, 2), [1, 1, 1, 1, 1, 0, 0])
+
+
+def test_teeth_between_lips_all_but_shut_are_found():
+    picture = np.broadcast_to(LIP, (40, 60, 3)).astype(np.uint8).copy()
+    line, lips = np.zeros((40, 60), bool), np.zeros((40, 60), bool)
+    line[20, 8:52], lips[10:31, 8:52] = True, True
+    assert not teeth_in_slit(picture, line, lips, 2.0).any()
+    picture[21:24, 25:32] = TOOTH
+    found = teeth_in_slit(picture, line, lips, 2.0)
+    assert found[21:24, 25:32].all()
+    assert found.sum() < 80
+    picture[27:30, 25:32] = TOOTH  # too far from the line: light on the lip
+    assert not teeth_in_slit(picture, line, lips, 2.0)[27:].any()

@@ -88,7 +88,7 @@ def compose(  # type: ignore[no-untyped-def]
     image, touched, x0, y0, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
     skin, skin_picture, origin_x, origin_y, shadow, shadow_mm,
     grain, lash_colour, eye_picture, eye_x, eye_y,
-    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
+    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm, tongue,
     skull, skull_map, jaw, jaw_map, encode,
 ):  # fmt: skip
     """Draw one opening into `image` (H, W, 3) uint8, whose pixel (x0, y0) holds the first step x step samples.
@@ -97,13 +97,14 @@ def compose(  # type: ignore[no-untyped-def]
     """
     rows, columns = face_index.shape[0] // step, face_index.shape[1] // step
     scratch = np.zeros((4, 5), np.float32)
+    middle, half = _span(edges)
     for py in range(rows):
         for px in range(columns):
             _compose_pixel(
                 image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
                 skin, skin_picture, origin_x, origin_y, shadow, shadow_mm,
                 grain, lash_colour, eye_picture, eye_x, eye_y,
-                mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
+                mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm, tongue, middle, half,
                 skull, skull_map, jaw, jaw_map, encode, scratch,
             )  # fmt: skip
 
@@ -113,7 +114,7 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
     image, touched, x0, y0, py, px, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
     skin, skin_picture, origin_x, origin_y, shadow, shadow_mm,
     grain, lash_colour, eye_picture, eye_x, eye_y,
-    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm,
+    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm, tongue, middle, half,
     skull, skull_map, jaw, jaw_map, encode, scratch,
 ):  # fmt: skip
     colour, fine, over, under = scratch[0], scratch[1], scratch[2], scratch[3]
@@ -199,6 +200,14 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
                     groove = u * mouth[a, 5] + v * mouth[b, 5] + w * mouth[c, 5]
                     depth = u * mouth[a, 6] + v * mouth[b, 6] + w * mouth[c, 6]
                     height = (edges[1, x] - edges[0, x] + 1) / (step * px_per_mm)
+                    if kind == 5 and tongue > 0:  # of a face without one: an arch over the mouth's floor
+                        across = (x - middle) / half
+                        rise = (y - edges[0, x]) / (edges[1, x] - edges[0, x] + 1) - 0.4 - 0.6 * across * across
+                        rise = min(max(rise / 0.3, 0.0), 1.0)
+                        rise *= tongue * rise * (3 - 2 * rise)
+                        flesh = max(flesh, rise)
+                        cavity *= 1 - rise * (1 - 0.12 * np.exp(-((across / 0.06) ** 2)))
+                        depth *= 1 - 0.45 * rise
                     slit = min(max((height + 0.3) / 2.0, 0.2), 1.0)  # little light gets between lips
                     dim = np.exp(-max(depth, 0.0) / depth_mm) * (1 - shadow * np.exp(-below / shadow_mm))
                     dim *= slit * height / (height + 0.6)
@@ -209,6 +218,11 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
                     else:
                         hole = 0.0
                     hole = min(max(hole, 0.0), 1.0)
+                    if kind < 5:  # cheeks lie close to the molars, in the dark
+                        far = max(depth - 18.0, 0.0) / 10.0
+                        cavity = max(cavity, 0.95 * (1 - np.exp(-far * far)))
+                    elif tongue > 0:
+                        flesh = 1.0
                     tooth = 1 - 0.55 * groove * np.sqrt(max(groove, 0.0))
                     for k in range(3):
                         light = u * mouth[a, k] + v * mouth[b, k] + w * mouth[c, k]
@@ -228,6 +242,18 @@ def _compose_pixel(  # type: ignore[no-untyped-def]
     image[iy, ix, 1] = _mixed(image[iy, ix, 1], total_g / seen, share)
     image[iy, ix, 2] = _mixed(image[iy, ix, 2], total_b / seen, share)
     touched[iy, ix] = True
+
+
+@njit(cache=True, nogil=True)
+def _span(edges):  # type: ignore[no-untyped-def]
+    """Return the middle and half the width, samples, of the columns in which an opening is open."""
+    first, last = -1, -1
+    for x in range(edges.shape[1]):
+        if edges[0, x] >= 0:
+            if first < 0:
+                first = x
+            last = x
+    return 0.5 * (first + last), max(0.5 * (last - first + 1), 1.0)
 
 
 @njit(cache=True, nogil=True, inline="always")

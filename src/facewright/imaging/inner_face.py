@@ -47,7 +47,7 @@ _MOTION_MM = (0.25, 1.0)
 _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
 #: Shadow of the upper lip on teeth and tongue: its depth, and how fast it fades downwards.
 _LIP_SHADOW, _LIP_SHADOW_MM = 0.28, 1.5
-_FINE_BELOW = 45  # pixels: of openings smaller than this, more samples are taken
+_FINE_BELOW = 90  # pixels: of openings smaller than this, more samples are taken
 _compose: Callable[..., None] = compose
 
 
@@ -79,6 +79,7 @@ class _MouthLook(NamedTuple):
     tooth: NDArray[np.float32]
     wall: NDArray[np.float32]
     depth_mm: np.float32
+    tongue: np.float32
     skull: NDArray[np.float32]
     skull_map: NDArray[np.float64]
     jaw: NDArray[np.float32]
@@ -96,6 +97,7 @@ _NO_MOUTH = _MouthLook(
     _NO_COLOUR,
     _NO_COLOUR,
     np.float32(1),
+    _ZERO,
     _NO_LAYER,
     _NO_MAP,
     _NO_LAYER,
@@ -243,6 +245,7 @@ class InnerFace:
             source.tooth,
             source.wall,
             np.float32(depth),
+            np.float32(source.tongue * _ease((depth - 12.0) / 12.0)),
             source.layers.skull,
             maps[0],
             source.layers.jaw,

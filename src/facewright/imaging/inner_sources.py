@@ -14,7 +14,7 @@ from facewright.imaging.eye_layer import IRIS_MM, EyeLayer, eye_layer
 from facewright.imaging.inner_parts import EYE, LOWER_TOOTH, SKIN, UPPER_TOOTH, Opening, paint_map
 from facewright.imaging.lid_skin import LidSkin, lid_skin
 from facewright.imaging.mesh_view import MeshView
-from facewright.imaging.mouth_layer import MouthLayers, mouth_layers, trim_lips
+from facewright.imaging.mouth_layer import MouthLayers, mouth_layers, teeth_in_slit, trim_lips
 from facewright.imaging.photo_light import PhotoLight
 from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.imaging.skin_layer import skin_layer
@@ -24,6 +24,7 @@ from facewright.imaging.wide_blur import wide_blur
 _TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.50, 0.18, 0.17)
 _TEETH_BEHIND_LIPS_MM = 6.0
 _TOOTH_OF_SCLERA = np.array([1.0, 0.97, 0.86])
+_TINT = 0.05
 _FORWARD = np.array([[0.0, 0.0, -1.0]])
 _LEAST_SIDE = 3  # pixels, of what a photo must show of an opening
 
@@ -73,6 +74,8 @@ class MouthSource(OpeningSource):
         Places of the foremost upper and lower teeth.
     tooth, flesh, wall : ndarray of shape (3,), float32
         Linear albedos.
+    tongue : float
+        1 where the face has no tongue of its own and one is to be drawn, else 0.
     """
 
     layers: MouthLayers
@@ -81,6 +84,7 @@ class MouthSource(OpeningSource):
     tooth: NDArray[np.float32]
     flesh: NDArray[np.float32]
     wall: NDArray[np.float32]
+    tongue: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +147,10 @@ def mouth_source(
     colour = np.median(shown.astype(np.float64), axis=0) if len(shown) else np.full(3, 128.0)
     inside = trim_lips(look.crop, look.kinds > SKIN, colour, round(3.0 * look.scale))
     seam = look.fragments.interpolate(opening.faces, opening.seam[:, None])[..., 0]
+    line = inside | (seam > (0.5 if look.scale > 1 else 0.25))  # between closed lips: a dark line, or teeth in a slit
     skin = skin_layer(
         look.crop,
-        inside | (seam > (0.5 if look.scale > 1 else 0.25)),  # between closed lips: a dark line, or teeth in a slit
+        line | teeth_in_slit(look.crop, line, lips, look.scale),
         inset_px=max(1.0, 0.4 * look.scale),
         doubt_px=max(2.0, 2.0 * look.scale),
         wanted=lips,
@@ -165,6 +170,7 @@ def mouth_source(
         tooth=_tooth_albedo(layers, eyes, light),
         flesh=linear_from_srgb(np.array(_FLESH)),
         wall=linear_from_srgb(np.array(_WALL)),
+        tongue=float(not any("tongue" in name for name in face.topology.parts)),
     )
 
 
@@ -226,10 +232,15 @@ def _tooth_albedo(layers: MouthLayers, eyes: list[EyeSource], light: PhotoLight)
         if sclera:
             # what is white in the same light tells the light better than skin does, shaded by lids as it is
             told = _TOOTH_OF_SCLERA * max(sclera, key=lambda c: float(np.sum(c))) / np.maximum(white, 1e-3)
-            tooth = tooth * np.clip(told / tooth, 0.5, 1.5) ** 0.7
+            # its brightness more than its hue, for which an eye in a dark photo is a poor witness
+            ratio = np.clip(told / tooth, 0.5, 1.5)
+            tooth = tooth * (0.3 * ratio + 0.7 * ratio.mean()) ** 0.7
         brightest = max(float(colour.sum()) for colour in (*sclera, light.highlight))
         if brightest > 0:  # not brighter than what else is bright in the face
             tooth = tooth * min(1.0, 1.15 * brightest / float((tooth * white).sum()))
+    if layers.tooth is None:  # lips and gums around them tint teeth
+        tint = light.skin_albedo / light.skin_albedo.mean()
+        tooth = tooth * (tint / tint.max()) ** _TINT
     return np.clip(tooth, 0.03, 1.1).astype(np.float32)
 
 

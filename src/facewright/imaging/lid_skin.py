@@ -260,7 +260,7 @@ def _continued(
     # next to lashes and folds all is dark and grey; shaded skin is redder than that
     share = (np.maximum(smooth.mean(axis=1), 1.0) / typical.mean())[:, None] ** 0.65
     warm = typical * share ** np.array([0.85, 1.05, 1.15])
-    return np.asarray(0.4 * smooth + 0.6 * warm, np.float32)
+    return np.asarray(0.25 * smooth + 0.75 * warm, np.float32)
 
 
 def _lash_colour(

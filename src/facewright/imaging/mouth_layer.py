@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from facewright.imaging.wide_blur import wide_blur
+
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 _LEAST_SEEN = 14  # pixels of an open mouth
 _CROWN_MM = 10.5
 _GUM_MM = 6.0
+_BEHIND_LIP_MM = 3.0  # so much of the upper teeth the lower lip may hide
 #: Teeth must be seen in so many of the open mouth's columns to be carried over.
 _LEAST_SHARE = 0.35
 #: Columns of a layer beside its colours: how opaque it is, and where it hides the drawn teeth.
@@ -75,7 +78,7 @@ def mouth_layers(
     h, w = inside.shape
     skull, jaw = np.zeros((h, w, 5), np.float32), np.zeros((h, w, 5), np.float32)
     values = photo.astype(np.float32)
-    if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < max(4.0, 2.2 * px_per_mm):
+    if inside.sum() < _LEAST_SEEN or inside.sum(axis=0).max() < _least_open(px_per_mm):
         return MouthLayers(skull, jaw, origin, None, None)
     tooth, colour = _teeth(values, inside, np.asarray(lips, np.float32))
     tall = tooth.sum(axis=0) >= max(3.0, 1.5 * px_per_mm)  # of less nothing is learnt
@@ -92,6 +95,7 @@ def mouth_layers(
     bright = values @ _LUMINANCE
     limit = 0.35 * float(np.asarray(colour) @ _LUMINANCE) if colour is not None else 0.0
     inset = max(1, round(0.3 * px_per_mm))
+    ends = _ends_behind_lip(incisal, last, has & ~whole, px_per_mm)
     for x in columns:
         top, bottom = int(first[x]), int(last[x])
         if has[x]:
@@ -101,11 +105,12 @@ def mouth_layers(
             if whole[x]:
                 skull[stop : stop + int(8 * px_per_mm), x, CUT] = 1.0
             else:
-                _continue_down(skull, x, bottom, incisal[x], inset)
+                _continue_down(skull, x, bottom, ends[x], inset)
         elif bright[top : bottom + 1, x].mean() < limit:  # the dark beside the teeth stays with them
             _fill_skull(skull, values, x, top, bottom + 1, inset, px_per_mm, None)
         if whole[x]:
             _fill_jaw(jaw, values, x, round(division[x]), bottom, inset, px_per_mm)
+    _even_out(skull, np.where(inside.any(axis=0), first, 0), px_per_mm)
     for layer in (skull, jaw):
         _soften(layer)
     dark = values[inside][values[inside] @ _LUMINANCE <= np.percentile(values[inside] @ _LUMINANCE, 5)].mean(axis=0)
@@ -133,6 +138,41 @@ def trim_lips(
             if 0 < run <= min(most_px, len(order) - 1):
                 result[order[:run], x] = False
     return np.asarray(ndimage.binary_opening(result, np.ones((1, 3)))) if result.any() else result
+
+
+def teeth_in_slit(
+    photo: NDArray[np.uint8], line: NDArray[np.bool_], lips: NDArray[np.bool_], px_per_mm: float
+) -> NDArray[np.bool_]:
+    """Find teeth that show between lips which the fitted mesh says are all but shut.
+
+    Parameters
+    ----------
+    photo : ndarray of shape (h, w, 3), uint8
+        The photo round the mouth.
+    line : ndarray of shape (h, w), bool
+        Where the lips meet, by the fitted mesh.
+    lips : ndarray of shape (h, w), bool
+        The lips; near their line what is brighter and less red than they are around is teeth.
+    px_per_mm : float
+        Scale.
+    """
+    none = np.zeros(line.shape, bool)
+    if not line.any() or lips.sum() < _LEAST_SEEN or line.sum(axis=0).max() >= _least_open(px_per_mm):
+        return none
+    values = ndimage.gaussian_filter(photo.astype(np.float32), (0.7, 0.7, 0))
+    red, bright = (values[..., 0] + 6) / (values[..., 1] + 6), values @ _LUMINANCE
+    weight, sigma = (lips & ~line).astype(np.float32), 3.0 * px_per_mm
+    mass = np.maximum(wide_blur(weight, sigma), 1e-3)
+    usual_red, usual_bright = wide_blur(weight * red, sigma) / mass, wide_blur(weight * bright, sigma) / mass
+    near = lips & (ndimage.distance_transform_edt(~line) <= 2.5 * px_per_mm)
+    found = near & (bright > 1.12 * usual_bright) & (red < 1.0 + 0.75 * (usual_red - 1.0))
+    found = ndimage.binary_opening(found, np.ones((2, 2)))
+    return np.asarray(ndimage.binary_dilation(found, np.ones((3, 3)), iterations=max(1, round(0.4 * px_per_mm))))
+
+
+def _least_open(px_per_mm: float) -> float:
+    """Return how many rows a mouth must be open for teeth to be told from lips."""
+    return max(4.0, 2.2 * px_per_mm)
 
 
 def _teeth(
@@ -226,13 +266,38 @@ def _fill_skull(
     layer[high:stop, x, CUT] = 1.0
 
 
-def _continue_down(layer: NDArray[np.float32], x: int, bottom: int, incisal: float, inset: int) -> None:
-    """Let teeth that the lower lip hides go on to their cutting edge."""
-    end = bottom + 1 if not np.isfinite(incisal) else max(bottom + 1, int(np.ceil(incisal)))
-    edge = max(bottom - inset, 0)
-    layer[edge + 1 : end, x, :3] = layer[edge, x, :3]
-    layer[edge + 1 : end, x, OPAQUE] = 1.0
-    layer[edge + 1 : end + 4, x, CUT] = 1.0
+def _even_out(layer: NDArray[np.float32], first: NDArray[np.intp], px_per_mm: float) -> None:
+    """Let what goes on upwards behind the lip, column by column, lose its streaks with the distance, in place."""
+    solid = (layer[..., OPAQUE] > 0).astype(np.float32)
+    sigma = 1.8 * px_per_mm
+    mass = ndimage.gaussian_filter1d(solid, sigma, axis=1)[..., None]
+    mean = ndimage.gaussian_filter1d(layer[..., :3] * solid[..., None], sigma, axis=1) / np.maximum(mass, 1e-3)
+    above = (first[None, :] - np.arange(len(layer))[:, None]) / px_per_mm
+    share = np.clip(above / 1.5, 0.0, 1.0)[..., None].astype(np.float32)
+    layer[..., :3] += share * (mean - layer[..., :3])
+
+
+def _ends_behind_lip(
+    incisal: NDArray[np.floating], last: NDArray[np.intp], hidden: NDArray[np.bool_], px_per_mm: float
+) -> NDArray[np.float64]:
+    """Return the row where teeth end in each column in which the lower lip hides their edge, without its steps."""
+    ends = np.maximum(last + 1.0, np.minimum(np.nan_to_num(incisal, nan=0.0), last + _BEHIND_LIP_MM * px_per_mm))
+    known = np.flatnonzero(hidden)
+    if len(known) == 0:
+        return ends
+    line = np.interp(np.arange(len(ends)), known, ends[known])
+    return np.where(hidden, ndimage.gaussian_filter1d(line, 1.2 * px_per_mm, mode="nearest"), ends)
+
+
+def _continue_down(layer: NDArray[np.float32], x: int, bottom: int, end: float, inset: int) -> None:
+    """Let teeth that the lower lip hides go on to their cutting edge, a row that need not be whole."""
+    whole, edge = int(end), max(bottom - inset, 0)
+    layer[edge + 1 : whole + 1, x, :3] = layer[edge, x, :3]
+    layer[edge + 1 : whole, x, OPAQUE] = 1.0
+    if whole < len(layer):
+        layer[whole, x, OPAQUE] = end - whole
+    layer[whole + 1 :, x, OPAQUE] = 0.0
+    layer[edge + 1 : whole + 4, x, CUT] = 1.0
 
 
 def _fill_jaw(
