@@ -67,6 +67,7 @@ def test_what_is_turned_away_is_not_seen(builtin_face):
     for side in ("left", "right"):
         x, y = target.pixels[masks[f"cheeks_{side}"]].mean(axis=0).round().astype(int)
         seen[side] = aligned.seen[y, x]
+        assert (aligned.facing[y, x] > 0.4) == (seen[side] > 0.5)
     assert sorted(seen.values())[0] < 0.1 and sorted(seen.values())[1] > 0.9
 
 

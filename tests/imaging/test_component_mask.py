@@ -10,6 +10,7 @@ from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
 from facewright.imaging.component_mask import (
     COMPONENTS,
     SkinPixels,
+    component_freedom,
     component_level,
     component_pixels,
     component_shapes,
@@ -63,6 +64,17 @@ def test_components_keep_away_from_each_other(face):
     assert component_level(face, "mouth")[masks["nose"]].max() < 1
     assert component_level(face, "eyes")[masks["brow_left"]].max() < 0.1
     assert component_level(face, "brows")[masks["lash_line_left"]].max() <= 0
+
+
+def test_others_lips_and_lids_are_held(face):
+    masks = face.topology.masks
+    lips, lids = masks["lips"], masks["eyelid_upper_left"]
+    for component, held in {"nose": (lips, lids), "brows": (lips, lids), "mouth": (lids,)}.items():
+        free = component_freedom(face, component)
+        assert all(free[ids].max() == 0 for ids in held)
+        assert (free[component_level(face, component) >= 1] == 1).all()
+    assert (component_freedom(face, "face") == 1).all()
+    assert (component_freedom(face, "mouth")[lips] == 1).all()
 
 
 def test_an_open_mouth_belongs_to_the_mouth_and_open_eyes_to_the_eyes(face):

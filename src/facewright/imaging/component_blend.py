@@ -128,8 +128,11 @@ def blend_component(
         source += _tint(source, target, openings, skin & shown, aligned.pixels_per_mm)
     source = match_grain(source, target, skin & shown)
     if brows is not None:
-        source = limit_contrast(source, target, np.clip(brows, 0.0, 1.0) * shown, _HAIR_MM * aligned.pixels_per_mm)
-    mask = find_seam(_picture(target), _picture(source), inner & shown, outer)
+        weight = np.where(shown, np.clip(brows, 0.0, 1.0), 0.0)
+        source = limit_contrast(source, target, weight, _HAIR_MM * aligned.pixels_per_mm)
+    # the seam leaves room to fade between itself and the core
+    core = ndimage.binary_dilation(inner & shown, iterations=max(1, round(0.5 * _FEATHER_MM * aligned.pixels_per_mm)))
+    mask = find_seam(_picture(target), _picture(source), core & outer, outer)
     mask = _without_pinholes(mask, aligned.pixels_per_mm)
     image = warped.copy()
     correction = blend_gradients(target, source, mask)[mask] - source[mask]

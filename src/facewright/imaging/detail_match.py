@@ -11,9 +11,7 @@ from facewright.numeric.check import check_shape
 _KERNEL = np.array([1.0, 4.0, 6.0, 4.0, 1.0], dtype=np.float32) / 16.0  # cubic B-spline
 _GRAIN_BANDS = 3  # of 1, 2 and 4 pixels: a sensor's noise after demosaicking and JPEG
 _ENOUGH = 0.9  # a picture so little noisier than the other is left alone
-_QUIET = 90.0  # percentile of a band's magnitude above which it is taken for an edge
-_MOST_SAMPLES = 50_000
-_BISECTIONS = 24
+_EDGE = 4.0  # times the usual magnitude of a band: twice that is no grain but an edge, which stays
 _CONTRAST = 1.3  # so many times the target's contrast the reference may have
 
 
@@ -32,8 +30,8 @@ def match_grain(
     Returns
     -------
     ndarray of shape (H, W, 3), float32
-        The source; its bands of 1, 2 and 4 pixels are shrunk where they are as faint as its grain (the garrote of
-        Breiman 1995) until they are as strong as the target's on average over the skin.
+        The source; its bands of 1, 2 and 4 pixels are scaled down to the target's usual strength on skin where they
+        are as faint as grain, and stay where they are much stronger.
 
     Raises
     ------
@@ -48,10 +46,10 @@ def match_grain(
         return result
     for own, other in zip(_bands(source, _GRAIN_BANDS), _bands(target, _GRAIN_BANDS), strict=True):
         magnitude = np.linalg.norm(own, axis=2)
-        quiet, wanted = _quiet(magnitude[where]), float(_quiet(np.linalg.norm(other, axis=2)[where]).mean())
-        if wanted < _ENOUGH * quiet.mean():
-            threshold = _threshold(quiet, wanted)
-            result -= own * (1.0 - _kept(magnitude, threshold))[..., None]
+        usual, wanted = float(np.median(magnitude[where])), float(np.median(np.linalg.norm(other, axis=2)[where]))
+        if wanted < _ENOUGH * usual:
+            edge = np.clip(magnitude / (_EDGE * usual) - 1.0, 0.0, 1.0)
+            result -= own * ((1.0 - wanted / usual) * (1.0 - edge))[..., None]
     return result
 
 
@@ -103,26 +101,3 @@ def _bands(picture: NDArray[np.float32], count: int) -> list[NDArray[np.float32]
         bands.append(rough - smooth)
         rough = smooth
     return bands
-
-
-def _quiet(magnitude: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the fainter magnitudes of a band, not more than needed."""
-    some = magnitude[:: max(1, len(magnitude) // _MOST_SAMPLES)]
-    return np.asarray(some[some <= np.percentile(some, _QUIET)])
-
-
-def _kept(magnitude: NDArray[np.float32], threshold: float) -> NDArray[np.float32]:
-    """Return the share of a band that is kept: none below the threshold, nearly all of an edge."""
-    return np.maximum(1.0 - (threshold / np.maximum(magnitude, 1e-9)) ** 2, 0.0).astype(np.float32)
-
-
-def _threshold(magnitude: NDArray[np.float32], wanted: float) -> float:
-    """Return the threshold that leaves a mean magnitude, by bisection."""
-    low, high = 0.0, float(magnitude.max())
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if float((magnitude * _kept(magnitude, middle)).mean()) > wanted:
-            low = middle
-        else:
-            high = middle
-    return high
