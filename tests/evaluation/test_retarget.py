@@ -1,7 +1,10 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from facewright.errors import ValueRangeError
+from facewright.evaluation.simulated_video import simulate_video
 
 
 def test_refuses_no_subjects(builtin_face):
@@ -9,6 +12,23 @@ def test_refuses_no_subjects(builtin_face):
 
     with pytest.raises(ValueRangeError, match="subjects"):
         run(builtin_face, 0, subjects=0)
+
+
+def test_lips_that_meet_over_an_open_jaw(builtin_face):
+    from facewright.evaluation.retarget import _Figures
+
+    clip = simulate_video(builtin_face, np.random.default_rng((5, 2, 0)), 10.0, rest_first=True)
+    identity = SimpleNamespace(rig=clip.person)
+    model = SimpleNamespace(topology=builtin_face.skin().topology)
+    figures = _Figures(builtin_face, SimpleNamespace(model=model), None)
+    figures._lips(clip, SimpleNamespace(identity=identity, performance=clip.performance))
+    weights = clip.performance.weights.copy()
+    weights[:, clip.performance.names.index("mouthClose")] = 0.0
+    figures._lips(clip, SimpleNamespace(identity=identity, performance=SimpleNamespace(weights=weights)))
+    (ours, true, jaw, meant), (apart, _, _, _) = (gaps.T for gaps in figures.gaps)
+    np.testing.assert_array_equal(ours, true)
+    assert meant.sum() >= 2 and (jaw[meant > 0] > 0.1).all()
+    assert (apart[meant > 0] > true[meant > 0] + 2.0).all()  # found open where the closing shape is missed
 
 
 @pytest.mark.slow
