@@ -47,7 +47,10 @@ _MOTION_MM = (0.25, 1.0)
 _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
 #: Shadow of the upper lip on teeth and tongue: its depth, and how fast it fades downwards.
 _LIP_SHADOW, _LIP_SHADOW_MM = 0.28, 1.5
-_FINE_BELOW = 90  # pixels: of openings smaller than this, more samples are taken
+#: Lips so far apart, millimetres, leave no shadow on the teeth.
+_UNSHADED_MM = 7.0
+#: Openings smaller than this, pixels, get more samples.
+_FINE_BELOW = 90
 _compose: Callable[..., None] = compose
 
 
@@ -237,8 +240,11 @@ class InnerFace:
         columns = source.columns.copy()
         columns[inner, :3] = self.light.irradiance(normals[inner])
         maps = [_layer_map(row, pixels, source.pixels, source.layers.origin) for row in source.rows]
-        # the wider the mouth, the deeper light gets into it
-        depth = 8.0 + 1.3 * float(np.percentile(_gap(opening, seen), 70))
+        # the wider the mouth, the deeper light gets into it, and the less the lips' shadow lies on the teeth
+        gap = float(np.percentile(_gap(opening, seen), 70))
+        depth = 8.0 + 1.3 * gap
+        was = float(np.percentile(_gap(opening, self.source.camera_vertices[ids]), 70))
+        shade = np.array([*3 * [min(1.0, _between_lips(gap) / _between_lips(was))], 1.0, 1.0], np.float32)
         look = _MouthLook(
             columns,
             source.flesh,
@@ -246,9 +252,9 @@ class InnerFace:
             source.wall,
             np.float32(depth),
             np.float32(source.tongue * _ease((depth - 12.0) / 12.0)),
-            source.layers.skull,
+            source.layers.skull * shade,
             maps[0],
-            source.layers.jaw,
+            source.layers.jaw * shade,
             maps[1],
         )
         self._draw(image, marks, source, target, mix, skin, (_LIP_SHADOW, _LIP_SHADOW_MM), _NO_EYE, look)
@@ -354,6 +360,11 @@ def _own_motion(source: OpeningSource, pixels: NDArray[np.float64]) -> float:
 def _gap(opening: Opening, seen: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the distance between lips or lids at the pairs that touch, (K,), millimetres."""
     return np.asarray(np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1))
+
+
+def _between_lips(gap_mm: float) -> float:
+    """Return how bright teeth look between lips so far apart, against those of a wide mouth (chosen by eye)."""
+    return 0.35 + 0.65 * _ease(gap_mm / _UNSHADED_MM)
 
 
 def _ease(value: float) -> float:
