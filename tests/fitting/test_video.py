@@ -1,11 +1,14 @@
 import numpy as np
 import pytest
+from scipy.interpolate import LinearNDInterpolator
 
 from facewright.camera.pinhole import Intrinsics, RigidMotion
 from facewright.camera.rotation import rotation_angle, rotation_from_head_angles
-from facewright.errors import DegenerateError, ValueRangeError
+from facewright.errors import DegenerateError, ShapeError, ValueRangeError
 from facewright.fitting.dense_model import FramePose
+from facewright.fitting.face_surface import SurfacePoints
 from facewright.fitting.video import VideoFitOptions, VideoFitter, _chunks, _runs
+from facewright.landmarks.face_crops import CROP_SIDE, FaceCrop, FaceCrops
 from facewright.landmarks.track import LandmarkTrack
 
 SIZE = (480, 640)
@@ -103,6 +106,48 @@ def test_runs_and_chunks_cover_each_tracked_frame_once(rng):
     np.testing.assert_array_equal(seen, tracked.astype(int))
     pieces = _chunks(slice(0, 2000))
     assert len(pieces) == 3 and pieces[1][0].start < pieces[1][1].start
+
+
+def drawn(fitter, track, c, q, weights, rng):
+    """Return what a camera sees of the clip's person: a mottled skin in light from one side, and nothing around it."""
+    person = fitter.dense.person(c, q)
+    surface = SurfacePoints(fitter.model).of(fitter.model.blendshapes(fitter.dense.identity_of(person)))
+    skin = 130.0 * np.exp(0.3 * np.sin(surface.rest @ rng.normal(0, 0.12, (3, 6))).mean(axis=1))
+    crops = []
+    for k, beta in enumerate(weights):
+        R = rotation_from_head_angles(12 * np.sin(k / 8.0), 5 * np.cos(k / 6.0), 2.0)
+        points, normals = surface.at(beta)
+        motion = RigidMotion(R, np.array([10.0, -5.0, 650.0]) - R @ [0, 0, 40.0])
+        pixels = Intrinsics.for_image(SIZE, 960.0).project(motion.apply(points))
+        level = skin * (0.7 + 0.3 * (normals @ R.T) @ np.array([0.6, -0.5, -0.62]))
+        low, step = pixels.min(axis=0) - 8, float(np.ptp(pixels, axis=0).max() + 16) / (CROP_SIDE - 1)
+        grid = low + step * np.stack(np.meshgrid(*2 * [np.arange(CROP_SIDE)]), axis=-1)
+        picture = LinearNDInterpolator(pixels, level, fill_value=60.0)(grid) + rng.normal(0, 1.0, grid.shape[:2])
+        crops.append(FaceCrop(np.clip(np.rint(picture), 0, 255).astype(np.uint8), low, step))
+    return FaceCrops.of(crops)
+
+
+def test_brightness_tells_what_points_do_not(video_fitter, rng):
+    """Cheeks puff while the points stay where they were."""
+    dense = video_fitter.dense
+    seed = int(rng.integers(2**31))
+    track, weights, *_ = make_clip(video_fitter, np.random.default_rng(seed))
+    again = np.random.default_rng(seed)  # the same person
+    c, q = 0.7 * again.normal(size=dense.n_identity), np.r_[again.normal(size=24), np.zeros(dense.n_modes - 24)]
+    puff = [dense.names.index(f"cheekPuff_{s}") for s in "LR"]
+    acted = weights.copy()
+    acted[4:12, puff] = 0.8
+    crops = drawn(video_fitter, track, c, q, acted, rng)
+    identity = video_fitter.identity(track)
+    blind = video_fitter.fit(track, identity).performance
+    seeing = video_fitter.fit(track, identity, crops=crops).performance
+    assert blind.weights[6:10, puff].max() < 0.1
+    assert seeing.weights[6:10, puff].min() > 0.3 and seeing.weights[20:35, puff].max() < 0.15
+    assert np.abs(seeing.weights - acted).mean() < np.abs(blind.weights - acted).mean()
+    with pytest.raises(ShapeError, match="crops"):
+        video_fitter.fit(track, identity, crops=FaceCrops.of([None] * 3))
+    nothing = video_fitter.fit(track, identity, crops=FaceCrops.of([None] * track.n_frames)).performance
+    assert np.abs(nothing.weights - blind.weights).max() < 1e-9
 
 
 def test_refuses_what_cannot_be_fitted(video_fitter):

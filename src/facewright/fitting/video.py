@@ -23,7 +23,7 @@ from facewright.fitting.clip_person import (
 )
 from facewright.fitting.clip_rest import without_rest
 from facewright.fitting.dense_model import N_POSE, ClipPerson, DenseModel
-from facewright.fitting.energies.coefficient_terms import CoefficientTerms
+from facewright.fitting.energies.coefficient_terms import PICTURE_SHARES, CoefficientTerms
 from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.face_surface import FaceSurface, SurfacePoints
 from facewright.fitting.image_term import ImageTerm
@@ -169,7 +169,7 @@ class VideoFitter:
         prior = ExpressionPrior(self.options.expression_spread, self.options.expression_sparsity)
         self._terms = CoefficientTerms.of(self.dense.names, prior)
         with_pictures = replace(prior, sparsity=self.options.picture_sparsity)
-        self._picture_terms = CoefficientTerms.of(self.dense.names, with_pictures)
+        self._picture_terms = CoefficientTerms.of(self.dense.names, with_pictures, PICTURE_SHARES)
         self._skin: SurfacePoints | None = None
 
     def identity(self, track: LandmarkTrack) -> ClipIdentity:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ _LID_CLOSURE = {
 _FAINT = {"cheekSquint": 0.4, "eyeSquint": 0.5, "eyeWide": 0.4, "brow": 0.5, "noseSneer": 0.4}
 #: And their spread is wider.
 _FAINT_SPREAD = 0.8
+#: Pictures tell less of a lid that slides over the eye than the lid's height does.
+PICTURE_SHARES = {**_FAINT, "eyeBlink": 0.2}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +55,10 @@ class CoefficientTerms:
     lid_rows: NDArray[np.float64]
 
     @classmethod
-    def of(cls, names: Sequence[str], prior: ExpressionPrior) -> CoefficientTerms:
-        """Return the terms of shapes by their names, without any frame's own."""
+    def of(
+        cls, names: Sequence[str], prior: ExpressionPrior, shares: Mapping[str, float] = MappingProxyType(_FAINT)
+    ) -> CoefficientTerms:
+        """Return the terms of shapes by their names, without any frame's own; `shares` of the sparsity are theirs."""
         B = len(names)
         index = {name: i for i, name in enumerate(names)}
         Q = np.zeros((B, B))
@@ -64,7 +69,7 @@ class CoefficientTerms:
                 Q[[i, j], [j, i]] -= 1.0 / _SIDES_APART**2
         linear = np.zeros(B)
         for name, i in index.items():
-            share = next((share for start, share in _FAINT.items() if name.startswith(start)), None)
+            share = next((share for start, share in shares.items() if name.startswith(start)), None)
             if share is not None:  # beta >= 0, so that sparsity is a slope
                 linear[i] = -(1.0 - share) * prior.sparsity
                 Q[i, i] += min(1.0 / _FAINT_SPREAD**2 - 1.0 / prior.spread**2, 0.0)
