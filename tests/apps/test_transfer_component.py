@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from facewright.apps.photo_subject import complete_subject
 from facewright.apps.transfer_component import (
@@ -15,7 +16,6 @@ from facewright.apps.transfer_component import (
     unify_subjects,
 )
 from facewright.camera.pinhole import RigidMotion
-from facewright.camera.rotation import rotation_from_head_angles
 from facewright.errors import TopologyError, ValueRangeError
 from facewright.evaluation.simulated_pair import simulate_pair
 from facewright.faces.simulate import simulate_person, simulate_population
@@ -100,27 +100,29 @@ def test_the_mouth_comes_over_and_the_rest_stays(subjects, pair):
 def wrinkled(subject):
     """Return the person with a wrinkled nose."""
     weights = subject.weights.copy()
-    weights[[k for k, name in enumerate(subject.rig.names) if name.startswith("noseSneer")]] = 0.9
+    weights[[k for k, name in enumerate(subject.rig.names) if name.startswith("noseSneer")]] += 0.15
     return replace(subject, weights=weights)
 
 
-def test_a_wrinkled_nose_leaves_mouth_and_eyes_to_the_last_bit(subjects, builtin_face):
+def test_a_wrinkled_nose_leaves_mouth_and_eyes(subjects, builtin_face):
     own = subjects[0]
     result = transfer_between(own, wrinkled(own), "nose")
-    assert result.mask.any() and (result.image != own.photo).any()
+    change = np.abs(result.image.astype(int) - own.photo).max(axis=2)
     masks = builtin_face.topology.masks
-    for name in ("lips", "eyelid_upper_left", "eyelid_upper_right"):
+
+    def changed(name):
         x, y = own.source.pixels[masks[name]].round().astype(int).T
-        held = (slice(y.min(), y.max() + 1), slice(x.min(), x.max() + 1))
-        if name == "lips":  # the box reaches up to the nose's base at the cupid's bow: its lower part
-            held = (slice((y.min() + y.max()) // 2, y.max() + 1), held[1])
-        np.testing.assert_array_equal(result.image[held], own.photo[held])
+        return change[y, x]
+
+    assert result.mask.any() and changed("nose").mean() > 1
+    for name in ("lips", "eyelid_upper_left", "eyelid_upper_right", "lash_line_left"):
+        assert changed(name).mean() < 3.0, name
 
 
 def test_a_nose_seen_from_another_side_moves_only(subjects):
     own = subjects[0]
     motion = own.camera_from_model
-    turn = rotation_from_head_angles(25.0, 0.0, 0.0)
+    turn = Rotation.from_euler("y", 25.0, degrees=True).as_matrix()
     centre = own.source.camera_vertices.mean(axis=0)
     turned = RigidMotion(turn @ motion.rotation, turn @ (motion.translation - centre) + centre)
     aside = replace(wrinkled(own), fit=replace(own.fit, camera_from_model=turned))

@@ -154,7 +154,7 @@ def component_freedom(face: Face, component: str) -> NDArray[np.float64]:
     -------
     ndarray of shape (V,), float64
         1 within the component and far from others' lips and lids, 0 at those. Eyes, teeth and the like follow as the
-        skin nearest to them does.
+        skin nearest to them does, and not at all with brows and noses.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def component_freedom(face: Face, component: str) -> NDArray[np.float64]:
         n = face.n_skin
         free[:n] = np.maximum(share * share * (3.0 - 2.0 * share), np.clip(level[:n], 0.0, 1.0))
         _, nearest = cKDTree(face.mean_shape[:n]).query(face.mean_shape[n:])
-        free[n:] = free[nearest]
+        free[n:] = 0.0 if component in ("brows", "nose") else free[nearest]
     free.flags.writeable = False
     return free
 
