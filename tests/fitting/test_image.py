@@ -104,7 +104,7 @@ def test_gradient_of_the_joint_energy(fitter, make_photo, rng):
     from facewright.camera.rotation import rotation_from_vector
     from facewright.fitting.coordinate_descent import Targets
     from facewright.fitting.energies.expression_prior import ExpressionPrior
-    from facewright.fitting.perspective_refinement import CameraPrior, PinholeState, PinholeProblem
+    from facewright.fitting.perspective_refinement import CameraPrior, PinholeProblem, PinholeState
 
     small = fitter.landmark_model
     _, _, intrinsics, motion, landmarks = make_photo(rng)

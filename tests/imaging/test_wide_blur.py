@@ -11,7 +11,10 @@ def test_a_wide_blur_is_nearly_the_plain_one(rng, sigma, channels):
     picture = (rng.random((203, 331, *channels)) > 0.5).astype(np.float32)
     picture[60:140, 100:180] = 1.0
     expected = ndimage.gaussian_filter(picture, (sigma, sigma, *([0] * len(channels))))
-    assert np.abs(wide_blur(picture, sigma) - expected).max() < 0.03
+    error = np.abs(wide_blur(picture, sigma) - expected)
+    reach = int(sigma)
+    assert error[reach:-reach, reach:-reach].max() < 0.015
+    assert error.max() < 0.05  # at the border, whose last block may hold few pixels
 
 
 def test_a_narrow_blur_is_the_plain_one(rng):
