@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from facewright.faces.face import Face
 from facewright.faces.paint_map import PaintMap, build_paint_map
 
-_SKIN_TONES = np.array(
+#: sRGB albedo of skin from light to dark.
+SKIN_TONES = np.array(
     [
         [0.95, 0.82, 0.75],
         [0.90, 0.73, 0.63],
@@ -106,8 +107,8 @@ class PixelSamples(Protocol):
 
 def sample_appearance(rng: np.random.Generator) -> Appearance:
     """Draw an appearance: skin from light to dark, with lips, brows, eyes and light that go with it."""
-    tone = rng.uniform(0.0, len(_SKIN_TONES) - 1.0)
-    skin = _between(_SKIN_TONES, tone) * rng.uniform(0.95, 1.03) * (1.0 + rng.normal(0, 0.015, 3))
+    tone = rng.uniform(0.0, len(SKIN_TONES) - 1.0)
+    skin = _between(SKIN_TONES, tone) * rng.uniform(0.95, 1.03) * (1.0 + rng.normal(0, 0.015, 3))
     lips = skin * np.array([0.90, 0.68, 0.67]) + rng.uniform(-0.03, 0.07) * np.array([1.0, 0.1, 0.25])
     darkest = 1.2 if tone > 2.5 else len(_HAIR_TONES) - 1.0
     hair = _between(_HAIR_TONES, rng.uniform(0.0, darkest))
@@ -115,7 +116,7 @@ def sample_appearance(rng: np.random.Generator) -> Appearance:
     key_side, key_height = np.deg2rad(rng.uniform(-55, 55)), np.deg2rad(rng.uniform(5, 50))
     key = [np.sin(key_side) * np.cos(key_height), -np.sin(key_height), -np.cos(key_side) * np.cos(key_height)]
     warmth = rng.uniform(-0.06, 0.06) * np.array([1.0, 0.0, -1.0])
-    gain = 1.0 + 0.25 * tone / len(_SKIN_TONES)  # dark skin is photographed with more light
+    gain = 1.0 + 0.25 * tone / len(SKIN_TONES)  # dark skin is photographed with more light
     return Appearance(
         skin=np.clip(skin, 0.02, 0.98),
         lips=np.clip(lips, 0.02, 0.95),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from facewright.errors import DegenerateError
+from facewright.faces.appearance import SKIN_TONES
 from facewright.faces.face import Face
 from facewright.imaging.colour import linear_from_srgb
 from facewright.imaging.mesh_view import MeshView
@@ -23,17 +24,6 @@ _MIN_SAMPLES = 60
 _ROUNDS = 12
 #: What pulls the terms of order 0, 1 and 2 towards zero, as a share of the mean brightness squared.
 _RIDGE = np.array([0.0, 0.02, 0.02, 0.02, 0.15, 0.15, 0.15, 0.15, 0.15])
-#: sRGB albedo of skin from light to dark, and of what is as bright in any light: see `_skin_albedo`.
-_SKIN_TONES = np.array(
-    [
-        [0.95, 0.82, 0.75],
-        [0.90, 0.73, 0.63],
-        [0.82, 0.63, 0.51],
-        [0.70, 0.50, 0.38],
-        [0.54, 0.37, 0.28],
-        [0.38, 0.26, 0.20],
-    ]
-)
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _USUAL_LIGHT = 0.8  # photographers expose so that white facing the camera is about as bright as this
 _LEAST_SHARE = 0.08  # of the mean brightness, in the deepest shade
@@ -233,8 +223,8 @@ def _skin_albedo(mean: NDArray[np.float64]) -> NDArray[np.float64]:
 
     Of the tones of human skin, that whose hue is nearest and which asks for the most usual light.
     """
-    steps = np.linspace(0, len(_SKIN_TONES) - 1, 81)
-    tones = np.stack([np.interp(steps, np.arange(len(_SKIN_TONES)), _SKIN_TONES[:, k]) for k in range(3)], axis=1)
+    steps = np.linspace(0, len(SKIN_TONES) - 1, 81)
+    tones = np.stack([np.interp(steps, np.arange(len(SKIN_TONES)), SKIN_TONES[:, k]) for k in range(3)], axis=1)
     albedo = linear_from_srgb(tones).astype(np.float64)
     hue = np.log(albedo[:, :2] / albedo[:, 1:]) - np.log(np.maximum(mean[:2], 1e-4) / np.maximum(mean[1:], 1e-4))
     light = np.log((mean @ _LUMINANCE) / (albedo @ _LUMINANCE) / _USUAL_LIGHT)
