@@ -31,7 +31,7 @@ $(VENV)/.installed: pyproject.toml constraints/numpy1-landmarks.txt tools/ensure
 	@test -n "$(PYTHON)" || exit 2
 	@echo "Making $(VENV) with $(PYTHON); the first install takes a few minutes."
 	@test -x $(PY) || { rm -rf $(VENV); "$(PYTHON)" -m venv $(VENV); }
-	@$(PY) $(PIP_INSTALL) -c constraints/numpy1-landmarks.txt -e ".[landmarks,video,capture,warehouse,dev]"
+	@$(PY) $(PIP_INSTALL) -c constraints/numpy1-landmarks.txt -e ".[landmarks,video,capture,warehouse,mocap,studio,dev]"
 	@sh tools/ensure_system_libraries.sh $(PY) cv2 mediapipe open3d
 	@touch $@
 
@@ -39,7 +39,7 @@ $(VENV_NUMPY2)/.installed: pyproject.toml constraints/numpy2.txt tools/ensure_sy
 	@test -n "$(PYTHON_NUMPY2)" || exit 2
 	@echo "Making $(VENV_NUMPY2) with $(PYTHON_NUMPY2)."
 	@test -x $(PY2) || { rm -rf $(VENV_NUMPY2); "$(PYTHON_NUMPY2)" -m venv $(VENV_NUMPY2); }
-	@$(PY2) $(PIP_INSTALL) -c constraints/numpy2.txt -e ".[video,capture,warehouse,dev]"
+	@$(PY2) $(PIP_INSTALL) -c constraints/numpy2.txt -e ".[video,capture,warehouse,mocap,studio,dev]"
 	@sh tools/ensure_system_libraries.sh $(PY2) open3d
 	@touch $@
 
@@ -71,7 +71,7 @@ bench: $(VENV)/.bench-installed ## Run the benchmarks against their peers (BENCH
 
 $(VENV)/.bench-installed: $(VENV)/.installed
 	@echo "Installing the peers of the benchmarks, about 550 MB."
-	@$(PY) $(PIP_INSTALL) -c constraints/numpy1-landmarks.txt -e ".[landmarks,video,capture,warehouse,dev,bench]"
+	@$(PY) $(PIP_INSTALL) -c constraints/numpy1-landmarks.txt -e ".[landmarks,video,capture,warehouse,mocap,studio,dev,bench]"
 	@touch $@
 
 docs: setup ## Renew docs/cli.md and the pictures of the examples

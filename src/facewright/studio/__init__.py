@@ -1,0 +1,1 @@
+"""Pages and viewers in the browser, over the same functions as the command line."""
