@@ -40,14 +40,14 @@ def performance(rng: np.random.Generator, n: int = 9) -> Performance:
 def test_written_performance_reads_the_same(tmp_path: Path, rng: np.random.Generator) -> None:
     acted = performance(rng)
     write_performance_csv(tmp_path / "a.csv", acted)
-    again, notes = read_performance(tmp_path / "a.csv")
+    again, notes, cuts = read_performance(tmp_path / "a.csv")
     seen = acted.tracked
     np.testing.assert_array_equal(again.tracked, seen)
     np.testing.assert_allclose(again.weights[seen], acted.weights[seen], atol=1e-8)
     np.testing.assert_allclose(again.rotations[seen], acted.rotations[seen], atol=1e-8)
     np.testing.assert_allclose(again.gaze[seen], acted.gaze[seen], atol=1e-8)
     np.testing.assert_allclose(again.times, acted.times, atol=1e-4)
-    assert notes == ("1 of 9 rows is untracked.",)
+    assert notes == ("1 of 9 rows is untracked.",) and cuts is None
 
 
 @pytest.mark.parametrize(
@@ -79,14 +79,14 @@ def test_gaze_without_angles_comes_from_the_shapes(test_data: Path) -> None:
 
 
 def test_real_recording_is_a_performance(test_data: Path, tmp_path: Path) -> None:
-    acted, notes = read_performance(test_data / "curves" / "alex_rom_3.csv")
+    acted, notes, _ = read_performance(test_data / "curves" / "alex_rom_3.csv")
     assert acted.n_frames == 4030 and acted.tracked.all()
     assert len(notes) == 2 and "clipped" in notes[0] and "TongueOut (up to 1)" in notes[1]
     # Blinks: the recording closes both eyes together.
     blink = acted.weights[:, [BLENDSHAPE_NAMES.index(f"eyeBlink_{side}") for side in "LR"]]
     assert blink.max() > 0.9 and np.abs(blink[:, 0] - blink[:, 1]).mean() < 0.05
     write_performance_csv(tmp_path / "again.csv", acted)
-    again, _ = read_performance(tmp_path / "again.csv")
+    again = read_performance(tmp_path / "again.csv").performance
     np.testing.assert_allclose(again.gaze, acted.gaze, atol=1e-8)
     look = BLENDSHAPE_NAMES.index("eyesLookDown")
     others = np.arange(46) != look

@@ -114,6 +114,15 @@ def test_track_writes_both_kinds_of_file(tmp_path: Path, model: Path, actor: Pat
     write_curves(tmp_path / "a.csv", tracked)
     assert read_face_curves(tmp_path / "a.csv").tracked.sum() == 16
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.json"]
+    clips = []
+    for curves in ("a.json", "a.csv"):  # both play alike, but for what CSV has one column for, and cuts: it knows none
+        out = tmp_path / f"{curves}.mp4"
+        played = animate(AnimateRequest(PhotoChoice(photo, model), tmp_path / curves, out))
+        assert played.n_frames == 26 and played.frame_rate == 25 and played.tracked == 16
+        assert any("10 of 26 frames (10-13, 20-25)" in note for note in played.notes)
+        with VideoReader(out) as video:
+            clips.append(np.stack([frame.image for frame in video]).astype(float))
+    assert np.abs(clips[0] - clips[1])[:10].mean() < 1.0 < np.abs(clips[0][:8] - clips[0][8]).max()
 
 
 @detects

@@ -21,6 +21,7 @@ def files(tmp_path: Path) -> Path:
     (tmp_path / "empty.mp4").touch()
     (tmp_path / "noise.mp4").write_bytes(b"no video at all")
     (tmp_path / "curves.csv").write_text("time,jawOpen\n0,0\n0.04,1\n")
+    (tmp_path / "other.json").write_text('{"format": "else"}')
     (tmp_path / "other.csv").write_text("a,b\n1,2\n")
     return tmp_path
 
@@ -40,6 +41,8 @@ def files(tmp_path: Path) -> Path:
         (["track", "none.mp4", "-o", "out.csv"], "does not exist"),
         (["animate", "photo.png", "--curves", "none.csv", "-o", "out.mp4"], "none.csv must be a readable file"),
         (["animate", "photo.png", "--curves", "other.csv", "-o", "out.mp4"], "names ARKit's shapes"),
+        (["animate", "photo.png", "--curves", "other.json", "-o", "out.mp4"], "must be curves of `facewright track"),
+        (["animate", "photo.png", "--curves", "none.json", "-o", "out.mp4"], "none.json must be a readable file"),
         (["animate", "photo.png", "--curves", "curves.csv", "-o", "no/out.mp4"], "does not exist"),
         (["animate", "photo.png", "--curves", "curves.csv", "-o", "out.mp4", "--fps", "0"], "in [1, 240]"),
         (["animate", "none.png", "--curves", "curves.csv", "-o", "out.mp4"], "none.png does not exist"),

@@ -1,4 +1,4 @@
-"""Curves play on a photo: a Live Link Face recording, or any table of ARKit's shapes, becomes a video."""
+"""Curves play on a photo: a tracked video, a Live Link Face recording or any table of ARKit's shapes is drawn."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from facewright.apps.draw_clip import STAGE, draw_clip, photo_for_video, photo_rig_texture, with_remarks
 from facewright.apps.performance_files import read_performance, write_performance_glb
@@ -76,7 +77,7 @@ class AnimateRequest:
     choice : PhotoChoice
         The photo.
     curves : Path
-        CSV file of curves, see `facewright.io.live_link`.
+        CSV or JSON file of curves, see `facewright.apps.performance_files.read_performance`.
     out : Path
         The video, ``.mp4``, ``.mov``, ``.m4v`` or ``.mkv``.
     motion : MotionOptions
@@ -152,19 +153,23 @@ def animate(request: AnimateRequest, progress: Progress | None = None) -> ClipRe
     FacewrightError
         Of the curves, the photo, the model or the files; one sentence each.
     """
-    performance, notes = read_performance(request.curves)
-    filled, gaps = fill_untracked(performance)
+    performance, notes, cuts = read_performance(request.curves)
+    filled, gaps = fill_untracked(performance, cuts)
+    filled = replace(filled, times=filled.times - filled.times[0])
     sentence = gaps_sentence(gaps, performance.n_frames)
     rate = usual_rate(filled.times)
     if request.frames_per_second is not None:
         rate = Fraction(request.frames_per_second).limit_denominator(1001)
     n = int(np.floor(filled.times[-1] * float(rate) + 0.25)) + 1  # jitter of time codes is no frame less
     played = resampled(filled, np.minimum(np.arange(n) / float(rate), filled.times[-1]))
+    shots = None if cuts is None else _cuts_at(played.times, filled.times[cuts])
     if request.sound is not None:
         file_identity(request.sound)  # tells now, not after the drawing, that it does not exist
     with WorkFolder(request.out) as work:
         subject = subject_for_video(request.choice, progress)
-        motion = carry_to_photo(played, subject.camera_from_model, subject.gaze, subject.rig.names, request.motion)
+        motion = carry_to_photo(
+            played, subject.camera_from_model, subject.gaze, subject.rig.names, request.motion, cuts=shots
+        )
         clock = FrameClock(played.times, rate)
         paths, said = write_clip(
             work,
@@ -182,6 +187,14 @@ def animate(request: AnimateRequest, progress: Progress | None = None) -> ClipRe
     kept = tuple(note for note in notes if sentence is None or "untracked" not in note)
     remarks = (*kept, *((sentence,) if sentence else ()), *subject.remarks, *motion.notes, *said)
     return ClipResult(paths, n, float(rate), int(performance.tracked.sum()), remarks)
+
+
+def _cuts_at(times: NDArray[np.float64], cuts: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of the moments (N,) is the first of a shot that begins at one of `cuts`, seconds."""
+    first = np.searchsorted(times, cuts - 1e-6)
+    begins = np.zeros(len(times), bool)
+    begins[first[first < len(times)]] = True
+    return begins
 
 
 def subject_for_video(choice: PhotoChoice, progress: Progress | None = None) -> PhotoSubject:

@@ -1,13 +1,14 @@
-"""Performances as files: Live Link Face recordings in and out, animated glTF out."""
+"""Performances as files: Live Link Face recordings and JSON in and out, animated glTF out."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.apps.performance_json import read_performance_json
 from facewright.camera.rotation import FRONTAL, head_angles_from_rotation, rotation_from_head_angles
 from facewright.errors import ValueRangeError
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES, load_name_map
@@ -94,22 +95,49 @@ def curves_from_performance(performance: Performance) -> FaceCurves:
     return FaceCurves(performance.times - performance.times[:1], values, performance.tracked)
 
 
-def read_performance(
-    path: str | Path, *, frames_per_second: float | None = None
-) -> tuple[Performance, tuple[str, ...]]:
-    """Read a Live Link Face, Audio2Face or similar CSV file; also returns what was made of its oddities.
+class Recording(NamedTuple):
+    """A performance from a file.
+
+    Parameters
+    ----------
+    performance : Performance
+        Rows that are not `tracked` mean nothing yet, see `facewright.apps.untracked_frames`.
+    notes : tuple of str
+        What was made of the file's oddities: one sentence each.
+    cuts : ndarray of shape (T,), bool, or None
+        Frames that begin another shot, where the file tells.
+    """
+
+    performance: Performance
+    notes: tuple[str, ...]
+    cuts: NDArray[np.bool_] | None = None
+
+
+def read_performance(path: str | Path, *, frames_per_second: float | None = None) -> Recording:
+    """Read what `facewright track` writes (CSV or JSON), or a Live Link Face, Audio2Face or similar CSV file.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.json``: of `facewright track`; any other: CSV.
+    frames_per_second : float, optional
+        For CSV, see `facewright.io.live_link.read_face_curves`.
 
     Raises
     ------
     StoreError, FileFormatError
-        As `facewright.io.live_link.read_face_curves`.
+        As `facewright.io.live_link.read_face_curves` and
+        `facewright.apps.performance_json.read_performance_json`.
     """
+    if Path(path).suffix.lower() == ".json":
+        performance, cuts, said = read_performance_json(path)
+        return Recording(performance, said, cuts)
     curves = read_face_curves(path, frames_per_second=frames_per_second)
     notes = list(curves.notes)
     tongue = float(curves.values[:, CURVE_COLUMNS.index("TongueOut")].max(initial=0.0))
     if tongue > _NOTICED:
         notes.append(f"TongueOut (up to {tongue:.2g}) has no counterpart among our shapes and is left out.")
-    return performance_from_curves(curves), tuple(notes)
+    return Recording(performance_from_curves(curves), tuple(notes))
 
 
 def write_performance_csv(path: str | Path, performance: Performance) -> None:

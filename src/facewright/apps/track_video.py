@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable
@@ -15,10 +14,9 @@ import numpy as np
 from facewright.apps.default_model import model_or_default
 from facewright.apps.landmark_video import LandmarkVideo, find_video_landmarks
 from facewright.apps.performance_files import write_performance_csv
+from facewright.apps.performance_json import write_performance_json
 from facewright.apps.untracked_frames import fill_untracked, gaps_sentence
-from facewright.camera.rotation import head_angles_from_rotation
 from facewright.errors import NoFaceError, ValueRangeError
-from facewright.io.atomic import write_atomically
 from facewright.io.video_reader import VideoReader
 from facewright.io.work_folder import WorkFolder, file_identity
 from facewright.landmarks.face_crops import CROP_SIDE
@@ -198,22 +196,8 @@ def write_curves(path: Path, tracked: TrackedVideo) -> None:
     if path.suffix.lower() == ".csv":
         write_performance_csv(path, tracked.performance)
         return
-    performance = tracked.performance
-    content = {
-        "format": "facewright performance",
-        "version": 1,
-        "units": {"times": "s", "translations": "mm", "gaze": "rad", "head_angles": "degrees yaw, pitch, roll"},
-        "names": list(performance.names),
-        "times": performance.times.tolist(),
-        "weights": np.round(performance.weights, 6).tolist(),
-        "rotations": np.round(performance.rotations, 8).tolist(),
-        "head_angles": [np.round(head_angles_from_rotation(R), 4).tolist() for R in performance.rotations],
-        "translations": np.round(performance.translations, 4).tolist(),
-        "gaze": np.round(performance.gaze, 6).tolist(),
-        "tracked": performance.tracked.tolist(),
-        "cuts": np.flatnonzero(tracked.video.track.cuts).tolist(),
+    extras = {
         "residuals_iod": [None if np.isnan(r) else round(float(r), 6) for r in tracked.fit.residuals_iod],
         "identity_weights": tracked.fit.identity.identity_weights.tolist(),
     }
-    with write_atomically(path) as temporary:
-        temporary.write_text(json.dumps(content, allow_nan=False) + "\n", encoding="utf-8")
+    write_performance_json(path, tracked.performance, tracked.video.track.cuts, extras)

@@ -23,7 +23,12 @@ from facewright.cli.photo_options import FaceOption, FocalOption, LandmarksOptio
 def animate(
     photo: Annotated[Path, typer.Argument(help="The photograph.")],
     curves: Annotated[
-        Path, typer.Option("--curves", "-c", help="CSV file: Live Link Face, Audio2Face, or any with ARKit's names.")
+        Path,
+        typer.Option(
+            "--curves",
+            "-c",
+            help="CSV (Live Link Face, Audio2Face, any with ARKit's names), or JSON of track.",
+        ),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="The video: .mp4, .mov, .m4v or .mkv.")] = Path(
         "animated.mp4"
@@ -51,6 +56,7 @@ def animate(
     \b
     Examples:
       facewright animate portrait.jpg --curves recording.csv -o speaks.mp4
+      facewright animate portrait.jpg --curves tracked.json -o speaks.mp4
       facewright animate portrait.jpg --curves a2f.csv --sound voice.wav --head keep -o speaks.mp4
       facewright animate portrait.jpg --curves recording.csv --glb --fps 25
     """
