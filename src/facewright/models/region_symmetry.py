@@ -1,0 +1,34 @@
+"""How symmetric a division of a face is, left against right."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from facewright.numeric.check import check_finite, check_shape
+
+
+def nearest_mirror(vertices: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
+    """Return for each vertex (N,) the one nearest to its mirror image about x = 0.
+
+    For meshes sampled without a mirror map; of vertices (N, 3), millimetres.
+    """
+    check_shape("vertices", vertices, "N", 3)
+    check_finite("vertices", vertices)
+    points = np.asarray(vertices, dtype=np.float64)
+    return np.asarray(cKDTree(points).query(points * [-1.0, 1.0, 1.0])[1], dtype=np.int32)
+
+
+def cluster_symmetry(labels: NDArray[np.integer[Any]], mirror: NDArray[np.integer[Any]]) -> float:
+    """Return how well clusters and their mirror images agree: the adjusted Rand index, 1 if they are the same.
+
+    Of labels (N,) and a mirror map (N,); zero is what chance gives (Hubert and Arabie, 1985).
+    """
+    from sklearn.metrics import adjusted_rand_score
+
+    N = check_shape("labels", labels, "N")["N"]
+    check_shape("mirror", mirror, N)
+    return float(adjusted_rand_score(labels, np.asarray(labels)[mirror]))
