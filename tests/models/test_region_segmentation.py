@@ -69,7 +69,7 @@ def test_a_vertex_between_others_is_lonely():
     labels = np.zeros(25, dtype=int)
     labels[12] = 1
     assert lonely_vertices(labels, faces).tolist() == [12]
-    labels[[13, 8]] = 1  # 8, 12, 13 are a triangle
+    labels[[13, 17]] = 1  # 12, 17, 13 are a triangle
     assert lonely_vertices(labels, faces).tolist() == []
 
 
