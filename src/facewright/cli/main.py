@@ -22,6 +22,7 @@ from facewright.cli import (
     fit_scan,
     info,
     model,
+    regions,
     retarget,
     simulate,
     track,
@@ -70,6 +71,7 @@ app.command("track")(track.track)
 app.command("retarget")(retarget.retarget)
 app.command("animate")(animate.animate)
 app.command("export")(export.export)
+app.add_typer(regions.app, name="regions")
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(capture.app, name="capture")
 app.add_typer(warehouse.app, name="warehouse")
