@@ -229,7 +229,7 @@ def _remarks(moves: NDArray[np.float32], found: Segmentation, options: SegmentOp
         remarks.append(f"{still} of {moves.shape[1]} vertices never move: their correlation counts as none.")
     if found.refused is None and options.n_regions is None:
         remarks.append(
-            f"all numbers of regions up to {options.max_regions} are compact: --max-regions ends the search."
+            f"up to {options.max_regions} regions all are compact: --max-regions ended the search."
         )
     if not found.chosen.compact:
         remarks.append(_not_compact(found.chosen))

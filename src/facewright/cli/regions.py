@@ -87,7 +87,7 @@ def _show(result: SegmentResult) -> None:
     )
     if refused is not None:
         say(
-            f"{refused.n_clusters} would not be compact: {len(refused.lonely)} vertices in no triangle of their region."
+            f"{refused.n_clusters} would not be compact: {len(refused.lonely)} vertices in no triangle of theirs."
         )
     for path in result.paths:
         say(f"Wrote {path}")
