@@ -93,9 +93,7 @@ def load_region_model(path: str | os.PathLike[str]) -> RegionModel:
             f"{name} is corrupt: it does not hold a region model ({error}); train it again."
         ) from error
     if region_fingerprint(model) != said:
-        raise FileFormatError(
-            f"{name} is corrupt: its model is not the one that its fingerprint names; train it again."
-        )
+        raise FileFormatError(f"{name} is corrupt: its model does not match its fingerprint; train it again.")
     return model
 
 
