@@ -9,7 +9,7 @@ from facewright.camera.rotation import rotation_from_head_angles
 from facewright.errors import ValueRangeError
 from facewright.faces.acting_emotion import EMOTIONS, Emotion, act_emotion, move_head
 from facewright.faces.acting_gestures import FACS_COMBINATIONS, RANGE_OF_MOTION
-from facewright.faces.acting_speech import Sentence, close_lips, sentence_seconds, speak
+from facewright.faces.acting_speech import Sentence, Speech, close_lips, sentence_seconds, speak
 from facewright.faces.acting_style import ActingStyle
 from facewright.faces.acting_timing import SHAPE_INDEX, blinks, bump, columns_of, gesture_weights, low_pass, wander
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
@@ -65,7 +65,8 @@ def act_sentence(
     # the jaw's speech is not scaled by the reach of gestures: `effort` did that
     weights = (intended + speech.weights[:n]) @ style.recruitment.T
     angles, shifts = move_head(emotion, style, times, spoken, speech.stresses, rng)
-    return _finished(weights, speech.seal[:n], speech.bite[:n], angles, shifts, times, style, rng)
+    speech = speech._replace(**{name: getattr(speech, name)[:n] for name in ("seal", "bite", "approach")})
+    return _finished(weights, angles, shifts, times, style, rng, speech=speech)
 
 
 def act_range_of_motion(
@@ -81,7 +82,8 @@ def act_range_of_motion(
     times = np.arange(max(2, round(seconds * frames_per_second))) / frames_per_second
     intended = _unrest(times, style, rng)
     for part, gestures in RANGE_OF_MOTION.items():
-        t, order = rng.uniform(0.3, 1.0), []
+        t = rng.uniform(0.3, 1.0)
+        order: list[int] = []
         while t < seconds - 0.6:
             if not order:
                 order = list(rng.permutation(len(gestures)))
@@ -93,9 +95,8 @@ def act_range_of_motion(
             # parts act together now and rest then
             t += rise + hold + 0.6 * fall + (rng.uniform(0.8, 3.0) if rng.random() < 0.4 else rng.uniform(0.0, 0.4))
     weights = (intended * style.reach) @ style.recruitment.T
-    nothing = np.zeros(len(times))
     angles, shifts = move_head(_STILL, style, times, (0.0, seconds), np.zeros(0), rng)
-    return _finished(weights, nothing, nothing, 2.0 * angles, shifts, times, style, rng)
+    return _finished(weights, 2.0 * angles, shifts, times, style, rng)
 
 
 def act_combination(
@@ -119,9 +120,8 @@ def act_combination(
     weights = (first + second)[:, None] * target * np.sqrt(style.reach)  # asked for, it is done more evenly
     # trained performers isolate what they are asked for, but not all of it
     weights = weights @ (0.6 * np.eye(len(target)) + 0.4 * style.recruitment).T + 0.5 * _unrest(times, style, rng)
-    nothing = np.zeros(len(times))
     angles, shifts = move_head(_STILL, style, times, (0.0, length), np.zeros(0), rng)
-    return _finished(weights, nothing, nothing, 0.5 * angles, 0.5 * shifts, times, style, rng, blinking=False)
+    return _finished(weights, 0.5 * angles, 0.5 * shifts, times, style, rng, blinking=False)
 
 
 def with_head_motion(performance: Performance, style: ActingStyle, rng: np.random.Generator) -> Performance:
@@ -150,21 +150,20 @@ def _unrest(times: NDArray[np.float64], style: ActingStyle, rng: np.random.Gener
 
 def _finished(
     weights: NDArray[np.float64],
-    seal: NDArray[np.float64],
-    bite: NDArray[np.float64],
     angles: NDArray[np.float64],
     shifts: NDArray[np.float64],
     times: NDArray[np.float64],
     style: ActingStyle,
     rng: np.random.Generator,
     *,
+    speech: Speech | None = None,
     blinking: bool = True,
 ) -> Performance:
     """Delay sides, close lips and lids, keep within [0, 1], add head and gaze."""
     rate = 1.0 / float(times[1] - times[0])
     weights = low_pass(_delayed(_limited(weights), times, style.delays), rate, _EASE_S)
-    if seal.any() or bite.any():
-        close_lips(weights, seal, bite)
+    if speech is not None:
+        close_lips(weights, speech)
     close = SHAPE_INDEX["mouthClose"]
     weights[:, close] = np.minimum(weights[:, close], weights[:, SHAPE_INDEX["jawOpen"]])
     if blinking:

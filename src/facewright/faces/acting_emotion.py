@@ -1,4 +1,4 @@
-"""What emotions do to the faces of simulated performers: lasting expressions, gestures on beats, postures of the head."""
+"""What emotions do to simulated faces: lasting expressions, gestures on beats, postures of the head."""
 
 from __future__ import annotations
 

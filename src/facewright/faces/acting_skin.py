@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from facewright.faces.acting_timing import SHAPE_INDEX, columns_of, smooth_step
+from facewright.faces.acting_timing import SHAPE_INDEX, columns_of
 from facewright.faces.contact import face_contacts
 from facewright.faces.face import Face
 from facewright.faces.pieces import face_pieces
@@ -137,16 +137,13 @@ class ActingSkin:
 
     def _together(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return (P, V, 3): what two shapes at full weight do beyond their sum."""
-        corrections = []
-        for a, b in self._pairs:
-            d, e = self._deltas[a], self._deltas[b]
-            size_a, size_b = np.linalg.norm(d, axis=1), np.linalg.norm(e, axis=1)
-            overlap = 2.0 * size_a * size_b / np.maximum(size_a + size_b, 1e-9)
-            total = d + e
-            along = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-6)
-            strength = rng.uniform(0.5, 1.5) * _OVERSHOOT
-            corrections.append(self._fields(_TOGETHER * overlap[None], rng)[0] - strength * overlap[:, None] * along)
-        return np.array(corrections) * self._soft[:, None]
+        first, second = (self._deltas[list(ids)] for ids in zip(*self._pairs))
+        sizes = np.linalg.norm(first, axis=2), np.linalg.norm(second, axis=2)
+        overlap = 2.0 * sizes[0] * sizes[1] / np.maximum(sizes[0] + sizes[1], 1e-9)
+        total = first + second
+        along = total / np.maximum(np.linalg.norm(total, axis=2, keepdims=True), 1e-6)
+        loss = _OVERSHOOT * rng.uniform(0.5, 1.5, len(total))[:, None] * overlap * self._soft
+        return self._fields(_TOGETHER * overlap, rng) - loss[:, :, None] * along
 
     def _fields(self, sizes: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
         """Return (N, V, 3) smooth random fields of local RMS lengths `sizes` (N, V), on the soft surface."""
@@ -206,10 +203,11 @@ class ActingSkin:
         opened = self._basis[:, self._upper] - self._basis[:, self._lower]
         offset = np.einsum("tk,kpc->tpc", features, opened, optimize=True)  # beyond the rest's
         jaw, close = w[:, SHAPE_INDEX["jawOpen"]], w[:, SHAPE_INDEX["mouthClose"]]
-        share = smooth_step(np.clip(close / np.maximum(jaw, 0.03) - 0.3, 0.0, 1.0) / 0.6)
+        share = np.clip(close / np.maximum(jaw, 0.03), 0.0, 1.0)[:, None, None]
+        parted = offset - close[:, None, None] * opened[SHAPE_INDEX["mouthClose"]]  # if nothing closed them
+        wanted = (1.0 - (1.0 - _SEALED_GAP) * share) * parted
         rolled = np.clip(w[:, columns_of("mouthRollLower") + columns_of("mouthRollUpper")].max(axis=1), 0.0, 1.0)
-        change = -(1.0 - _SEALED_GAP) * share[:, None, None] * offset
-        height = offset[..., 1] + change[..., 1]
+        change, height = wanted - offset, wanted[..., 1]
         # soft contact: a crossing of h mm ends as about -_TOUCH_MM, lips rolled in may pass each other a little
         touching = _TOUCH_MM * (1.0 + 4.0 * rolled)[:, None]
         held = np.where(height < 0.0, -touching * np.tanh(-height / touching), height)

@@ -33,14 +33,15 @@ _VOWELS: dict[str, tuple[dict[str, float], ...]] = {
     "UH": ({"jawOpen": 0.15, "mouthFunnel": 0.35},),
     "UW": ({"jawOpen": 0.09, "mouthPucker": 0.65, "mouthFunnel": 0.1},),
 }
+_BILABIALS = ("P", "B", "M")
 _CONSONANTS: dict[str, dict[str, float]] = {
-    **dict.fromkeys(("P", "B", "M"), {"jawOpen": 0.09, "mouthPress": 0.3, "seal": 1.0}),
-    **dict.fromkeys(("F", "V"), {"jawOpen": 0.07, "mouthUpperUp": 0.15, "bite": 1.0}),
-    **dict.fromkeys(("T", "D", "N", "L"), {"jawOpen": 0.08, "mouthLowerDown": 0.12}),
-    **dict.fromkeys(("S", "Z"), {"jawOpen": 0.04, "mouthStretch": 0.2, "mouthLowerDown": 0.2}),
-    **dict.fromkeys(("SH", "ZH", "CH", "JH"), {"jawOpen": 0.06, "mouthFunnel": 0.55, "mouthLowerDown": 0.1}),
-    **dict.fromkeys(("TH", "DH"), {"jawOpen": 0.09, "mouthLowerDown": 0.2}),
-    **dict.fromkeys(("K", "G", "NG", "HH"), {"jawOpen": 0.12}),
+    **{name: {"jawOpen": 0.09, "mouthPress": 0.3, "seal": 1.0} for name in _BILABIALS},
+    **{name: {"jawOpen": 0.07, "mouthUpperUp": 0.15, "bite": 1.0} for name in ("F", "V")},
+    **{name: {"jawOpen": 0.08, "mouthLowerDown": 0.12} for name in ("T", "D", "N", "L")},
+    **{name: {"jawOpen": 0.04, "mouthStretch": 0.2, "mouthLowerDown": 0.2} for name in ("S", "Z")},
+    **{name: {"jawOpen": 0.06, "mouthFunnel": 0.55, "mouthLowerDown": 0.1} for name in ("SH", "ZH", "CH", "JH")},
+    **{name: {"jawOpen": 0.09, "mouthLowerDown": 0.2} for name in ("TH", "DH")},
+    **{name: {"jawOpen": 0.12} for name in ("K", "G", "NG", "HH")},
     "W": {"jawOpen": 0.08, "mouthPucker": 0.7},
     "R": {"jawOpen": 0.1, "mouthFunnel": 0.35},
     "Y": {"jawOpen": 0.08, "mouthStretch": 0.2},
@@ -54,7 +55,7 @@ _ROUNDING = ("mouthFunnel", "mouthPucker")
 _JAW_RATE, _LIP_RATE, _ROUNDING_RATE = 22.0, 18.0, 11.0
 _LONGER = {"1": 1.3, "2": 1.1, "0": 0.85, "": 1.0}
 _VOWEL_SECONDS, _CONSONANT_SECONDS, _PAUSE_SECONDS = 0.115, 0.075, 0.26
-_SEAL_MOVE, _SEAL_HOLD = 0.075, 0.055
+_SEAL_MOVE, _SEAL_HOLD, _APPROACH_S = 0.1, 0.04, 0.24
 _SMOOTH_S = 0.016
 
 
@@ -91,6 +92,8 @@ class Speech(NamedTuple):
         How firmly the lips are meant to meet (p, b, m), 0 to 1.
     bite : ndarray of shape (T,), float64
         How firmly the lower lip is held at the upper teeth (f, v), 0 to 1.
+    approach : ndarray of shape (T,), float64
+        How near in time lips that meet are, 0 to 1: the jaw does not open wide between.
     stresses : ndarray of shape (S,), float64, seconds
         Middles of the stressed syllables.
     end : float
@@ -100,6 +103,7 @@ class Speech(NamedTuple):
     weights: NDArray[np.float64]
     seal: NDArray[np.float64]
     bite: NDArray[np.float64]
+    approach: NDArray[np.float64]
     stresses: NDArray[np.float64]
     end: float
 
@@ -188,8 +192,9 @@ def speak(
     rate_s = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     return Speech(
         low_pass(weights, 1.0 / rate_s, _SMOOTH_S),
-        _held(segments, times, "seal", tempo),
-        _held(segments, times, "bite", tempo),
+        _held(segments, times, "seal", _SEAL_MOVE, tempo),
+        _held(segments, times, "bite", _SEAL_MOVE, tempo),
+        _held(segments, times, "seal", _APPROACH_S, tempo),
         np.array([segment.centre for segment in segments if segment.stress == "1"]),
         float(centres[-1] + 0.5 * lengths[-1]),
     )
@@ -199,6 +204,8 @@ def _alpha(segment: _Segment, name: str) -> float:
     """Return the strength with which a phoneme insists on its target of a shape."""
     if segment.phoneme == "|":
         return _SILENT_ALPHA
+    if name == "jawOpen" and segment.phoneme in _BILABIALS:
+        return 2.0  # the jaw helps the lips to meet
     if name != "jawOpen" and name not in segment.target and segment.phoneme in _CONSONANTS:
         return 0.3 * segment.alpha  # most consonants leave the lips to the vowels around them
     return segment.alpha
@@ -233,26 +240,31 @@ def _segments(
     return segments
 
 
-def _held(segments: list[_Segment], times: NDArray[np.float64], name: str, tempo: float) -> NDArray[np.float64]:
+def _held(
+    segments: list[_Segment], times: NDArray[np.float64], name: str, move_s: float, tempo: float
+) -> NDArray[np.float64]:
     """Return the course of a contact: smoothly there, held, smoothly away, around each phoneme that needs it."""
     course = np.zeros(len(times))
     for segment in segments:
         if name in segment.target:
             hold = _SEAL_HOLD / tempo
             distance = np.abs(times - segment.centre) - 0.5 * hold
-            course = np.maximum(course, 1.0 - smooth_step(distance / _SEAL_MOVE))
+            course = np.maximum(course, 1.0 - smooth_step(distance / move_s))
     return course
 
 
-def close_lips(weights: NDArray[np.float64], seal: NDArray[np.float64], bite: NDArray[np.float64]) -> None:
-    """Bring the lips together where `seal` says, and the lower lip to the teeth where `bite` says; in place.
+def close_lips(weights: NDArray[np.float64], speech: Speech) -> None:
+    """Bring the lips together where speech seals them, and the lower lip to the teeth where it bites; in place.
 
-    ``mouthClose`` takes back as much of the jaw's opening, and what would part the lips fades meanwhile.
+    ``mouthClose`` takes back as much of the jaw's opening, which is smaller around, and what would part the lips fades
+    meanwhile.
     """
+    seal, bite = speech.seal, speech.bite
     open_lips = 1.0 - np.maximum(seal, 0.6 * bite)
     for name in ("mouthFunnel", "mouthLowerDown", "mouthUpperUp", "mouthShrugUpper"):
         weights[:, columns_of(name)] *= open_lips[:, None]
     weights[:, columns_of("mouthStretch")] *= (1.0 - 0.5 * seal)[:, None]
+    weights[:, SHAPE_INDEX["jawOpen"]] *= 1.0 - 0.55 * speech.approach
     jaw = np.clip(weights[:, SHAPE_INDEX["jawOpen"]], 0.0, 1.0)
     close = columns_of("mouthClose")
     weights[:, close] = np.maximum(weights[:, close], (np.maximum(seal, 0.55 * bite) * jaw)[:, None])

@@ -45,7 +45,7 @@ def draw_faults(truth: NDArray[np.float64], times: NDArray[np.float64], rng: np.
             seen[start : start + length, marker] = False
     seen[0] = True  # takes begin with all markers in view
     neighbours = cKDTree(rest).query(rest, k=min(4, M))[1].reshape(M, -1)
-    swaps = []
+    swaps: list[tuple[int, int, int, int]] = []
     for _ in range(rng.poisson(_SWAPS_PER_S * seconds) if M > 1 else 0):
         a = int(rng.integers(M))
         b = int(neighbours[a, rng.integers(1, neighbours.shape[1])])

@@ -1,4 +1,4 @@
-"""Where a simulated performer wears markers: about a centimetre apart on the skin of the face, each face its own way."""
+"""Where a simulated performer wears markers: about a centimetre apart on the face, each face its own way."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SPACING_MM = 10.0
 
 #: Distances that markers keep, mm: from the line where lips meet, from the edges of the lids, from the nostrils.
 _OFF_LIPS_MM, _OFF_LIDS_MM, _OFF_NOSTRILS_MM = 5.5, 5.0, 4.0
-_CANDIDATES_PER_MM2 = 0.5
+_CANDIDATES_PER_MM2 = 0.15
 #: Smallest distance of two markers relative to their mean spacing: of points that fill a surface at a smallest distance
 #: r, the nearest neighbours are 1.15 r apart on average.
 _SMALLEST = 0.87
