@@ -98,7 +98,7 @@ class DenseDriver:
     """
 
     def __init__(self, model: RegionModel, weights: CharacterWeights, blend: Blend = "average") -> None:
-        V, N = weights.follow.shape
+        N = weights.follow.shape[1]
         if model.n_vertices != N:
             raise ShapeError(f"weights must follow the model's {model.n_vertices} vertices, got {N}.")
         self.weights = weights
