@@ -124,6 +124,21 @@ def act_combination(
     return _finished(weights, 0.5 * angles, 0.5 * shifts, times, style, rng, blinking=False)
 
 
+def act_neutral(seconds: float = 0.5, frames_per_second: float = FRAMES_PER_SECOND) -> Performance:
+    """Hold still at rest for `seconds`, facing straight ahead: the take that the neutral is read from."""
+    times = np.arange(max(2, round(seconds * frames_per_second))) / frames_per_second
+    rotations, translations = _head_pose(np.zeros((len(times), 3)), np.zeros((len(times), 3)))
+    return Performance(
+        times=times,
+        names=BLENDSHAPE_NAMES,
+        weights=np.zeros((len(times), len(BLENDSHAPE_NAMES))),
+        rotations=rotations,
+        translations=translations,
+        gaze=np.zeros((len(times), 2, 2)),
+        tracked=np.ones(len(times), dtype=bool),
+    )
+
+
 def with_head_motion(performance: Performance, style: ActingStyle, rng: np.random.Generator) -> Performance:
     """Give curves whose source did not say where the head was the small motion of a head in talk."""
     times = performance.times

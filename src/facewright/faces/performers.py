@@ -14,6 +14,7 @@ from facewright.errors import ValueRangeError
 from facewright.faces.acting import (
     CAMERA_DISTANCE_MM,
     act_combination,
+    act_neutral,
     act_range_of_motion,
     act_sentence,
     with_head_motion,
@@ -34,6 +35,7 @@ PERFORMER_NAMES = ("M1", "F1", "M2", "F2")
 SENTENCE_NAMES = tuple(sentence.name for sentence in load_sentences())
 TEST_NAMES = tuple(name for name in SENTENCE_NAMES if name.endswith(("05", "06")))
 TRAIN_NAMES = tuple(name for name in SENTENCE_NAMES if name not in TEST_NAMES)
+NEUTRAL_NAME = "neutral"
 RANGE_OF_MOTION_NAME = "range_of_motion"
 FACS_NAMES = tuple(f"facs_{k + 1:02d}" for k in range(len(FACS_COMBINATIONS)))
 
@@ -163,8 +165,8 @@ class Performer:
 
     @property
     def clips(self) -> tuple[str, ...]:
-        """Names of all clips: 18 sentences; of the first performer also a range of motion and 86 combinations."""
-        return SENTENCE_NAMES + ((RANGE_OF_MOTION_NAME, *FACS_NAMES) if self.name == _FIRST else ())
+        """Names of all clips: rest, 18 sentences; of the first performer also a range of motion and 86 combinations."""
+        return (NEUTRAL_NAME, *SENTENCE_NAMES) + ((RANGE_OF_MOTION_NAME, *FACS_NAMES) if self.name == _FIRST else ())
 
     @property
     def train(self) -> tuple[str, ...]:
@@ -187,7 +189,9 @@ class Performer:
         if name not in self.clips:
             raise ValueRangeError(f"clip must be one of the performer's, such as {self.clips[0]!r}, got {name!r}.")
         rng = np.random.default_rng((self.seed, zlib.crc32(name.encode())))
-        if name == RANGE_OF_MOTION_NAME:
+        if name == NEUTRAL_NAME:
+            performance = act_neutral()
+        elif name == RANGE_OF_MOTION_NAME:
             if self.recorded is None:
                 performance = act_range_of_motion(self.style, rng)
             else:
