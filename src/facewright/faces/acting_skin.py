@@ -43,6 +43,7 @@ _OVERSHOOT, _TOGETHER = 0.25, 0.35  # what two shapes lose where both move, and 
 _BEND = 0.14  # RMS of a shape's way off its straight line, relative to its size
 _TOUCH_MM = 0.25  # lips that would cross by more than about this are kept from it
 _SEALED_GAP = 0.1
+_STICKY_MM = 0.5  # lips parted by less stay together
 #: Soft tissue as a damped spring: eigenfrequency, damping, and its softest places.
 _WOBBLE_HZ, _WOBBLE_DAMPING = 5.5, 0.35
 _CORRELATION_MM = 18.0
@@ -210,7 +211,8 @@ class ActingSkin:
         change, height = wanted - offset, wanted[..., 1]
         # soft contact: a crossing of h mm ends as about -_TOUCH_MM, lips rolled in may pass each other a little
         touching = _TOUCH_MM * (1.0 + 4.0 * rolled)[:, None]
-        held = np.where(height < 0.0, -touching * np.tanh(-height / touching), height)
+        stuck = height * height**2 / (height**2 + _STICKY_MM**2)
+        held = np.where(height < 0.0, -touching * np.tanh(-height / touching), stuck)
         change[..., 1] += held - height
         return change
 
