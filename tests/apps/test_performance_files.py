@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from facewright.apps.performance_files import (
     curves_from_performance,
@@ -18,6 +20,7 @@ from facewright.camera.rotation import rotation_from_head_angles
 from facewright.errors import ValueRangeError
 from facewright.faces import Face
 from facewright.faces.blendshape_names import BLENDSHAPE_NAMES
+from facewright.fitting.gaze import Eyeballs, eyeball_of
 from facewright.io.gltf import read_gltf
 from facewright.io.live_link import CURVE_COLUMNS, FaceCurves
 from facewright.models.blendshapes import BlendshapeRig
@@ -107,15 +110,120 @@ def test_foreign_shapes_are_refused(rng: np.random.Generator) -> None:
 def test_glb_plays_the_performance(tmp_path: Path, rng: np.random.Generator, builtin_face: Face) -> None:
     acted = performance(rng)
     rig = BlendshapeRig(builtin_face.mean_shape, BLENDSHAPE_NAMES, builtin_face.blendshape_deltas)
-    write_performance_glb(tmp_path / "a.glb", acted, rig, builtin_face.topology, copyright="test")
+    write_performance_glb(tmp_path / "a.glb", acted, rig, builtin_face, copyright="test")
     scene = read_gltf(tmp_path / "a.glb")
     clip = scene.animations[0]
     np.testing.assert_allclose(clip.times, acted.times, atol=1e-6)
-    np.testing.assert_allclose(clip.weights, acted.weights, atol=1e-6)
-    assert clip.rotation_wxyz is not None
+    assert clip.weights is not None and clip.rotation_wxyz is not None and clip.translation is None
+    np.testing.assert_allclose(clip.weights[:, :46], acted.weights, atol=1e-6)
     assert (np.einsum("ij,ij->i", clip.rotation_wxyz[1:], clip.rotation_wxyz[:-1]) > 0).all()
-    assert scene.meshes[0].morph_names == BLENDSHAPE_NAMES
+    assert scene.meshes[0].morph_names[:46] == BLENDSHAPE_NAMES
     with pytest.raises(ValueRangeError, match="without"):
         few = BlendshapeRig(rig.neutral, rig.names[:3], rig.deltas[:3])
-        write_performance_glb(tmp_path / "b.glb", acted, few, builtin_face.topology)
+        write_performance_glb(tmp_path / "b.glb", acted, few, builtin_face)
     assert not (tmp_path / "b.glb").exists()
+
+
+def test_glb_has_arkit_weights_of_the_gaze(tmp_path: Path, rng: np.random.Generator, builtin_face: Face) -> None:
+    acted = performance(rng)
+    rig = BlendshapeRig(builtin_face.mean_shape, BLENDSHAPE_NAMES, builtin_face.blendshape_deltas)
+    write_performance_glb(tmp_path / "a.glb", acted, rig, builtin_face)
+    scene = read_gltf(tmp_path / "a.glb")
+    names, clip = scene.meshes[0].morph_names, scene.animations[0]
+    assert len(names) == 54 and clip.weights is not None and scene.meshes[0].morph_deltas is not None
+    assert not scene.meshes[0].morph_deltas[46:].any()  # the nodes turn the eyes
+    curves, seen = curves_from_performance(acted), acted.tracked
+    for side in ("Left", "Right"):
+        for way in ("Up", "In", "Out"):
+            ours = clip.weights[seen, names.index(f"eyeLook{way}_{side[0]}")]
+            np.testing.assert_allclose(ours, curves.column(f"EyeLook{way}{side}")[seen], atol=1e-6)
+    assert clip.weights[:, 46:].max() > 0.3
+
+
+@pytest.mark.parametrize("places", [False, True])
+def test_imported_pose_is_that_of_the_person(
+    tmp_path: Path, rng: np.random.Generator, builtin_face: Face, places: bool
+) -> None:
+    """Another reader, and glTF's own rules for nodes and morph targets, give the vertices that we would draw."""
+    acted = performance(rng)
+    acted = replace(acted, translations=rng.normal((0, 0, 800), 30.0, (9, 3)))
+    rig = BlendshapeRig(builtin_face.mean_shape, BLENDSHAPE_NAMES, builtin_face.blendshape_deltas)
+    write_performance_glb(tmp_path / "a.glb", acted, rig, builtin_face, places=places)
+    eyes = Eyeballs(builtin_face, rig.neutral)
+    eyeballs = np.concatenate([eyeball_of(builtin_face, side) for side in ("right", "left")])
+    frontal = np.diag([1.0, -1.0, -1.0])
+    usual = np.median(acted.translations, axis=0)
+    for frame in (0, 5, 8):
+        head, balls = imported_pose(tmp_path / "a.glb", frame)
+        expected = rig.pose(acted.weights[frame]).astype(np.float64)
+        eyes.turn(expected, acted.gaze[frame])
+        expected = expected @ (frontal @ acted.rotations[frame]).T
+        if places:
+            expected += frontal @ (acted.translations[frame] - usual)
+        skin = np.setdiff1d(np.arange(len(head)), eyeballs)
+        np.testing.assert_allclose(head[skin], expected[skin], atol=2e-2)  # moves below a micrometre are left out
+        np.testing.assert_allclose(balls, expected[eyeballs], atol=2e-3)
+
+
+def imported_pose(path: Path, frame: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return vertices of the head and of both eyeballs in a frame, millimetres, read by pygltflib."""
+    pygltflib = pytest.importorskip("pygltflib")
+    from scipy.spatial.transform import Rotation
+
+    document = pygltflib.GLTF2().load(str(path))
+    data = document.binary_blob()
+    kinds, sizes = {5126: "<f4", 5125: "<u4", 5123: "<u2"}, {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+    def rows(view: int, offset: int, kind: int, count: int, width: int) -> NDArray[np.generic]:
+        start = (document.bufferViews[view].byteOffset or 0) + (offset or 0)
+        return np.frombuffer(data, kinds[kind], count * width, start).reshape(count, width)
+
+    def array(index: int) -> NDArray[np.float64]:
+        entry = document.accessors[index]
+        width = sizes[entry.type]
+        values = np.zeros((entry.count, width))
+        if entry.bufferView is not None:
+            values[:] = rows(entry.bufferView, entry.byteOffset, entry.componentType, entry.count, width)
+        if entry.sparse is not None:
+            where, what = entry.sparse.indices, entry.sparse.values
+            ids = rows(where.bufferView, where.byteOffset, where.componentType, entry.sparse.count, 1)[:, 0]
+            values[ids] = rows(what.bufferView, what.byteOffset, entry.componentType, entry.sparse.count, width)
+        return values
+
+    assert len(document.animations) == 1  # players play one at a time
+    motion = {
+        (channel.target.node, channel.target.path): array(document.animations[0].samplers[channel.sampler].output)
+        for channel in document.animations[0].channels
+    }
+    nodes = document.nodes
+    assert document.scenes[0].nodes == [0] and nodes[0].children == [1, 2]
+    assert [nodes[k].name for k in (1, 2)] == ["eyeball_right", "eyeball_left"]
+
+    def local(node: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        rotation = Rotation.from_quat(motion[node, "rotation"][frame]).as_matrix()
+        moved = motion.get((node, "translation"))
+        return rotation, np.array(nodes[node].translation or [0, 0, 0]) if moved is None else moved[frame]
+
+    def mesh(node: int) -> NDArray[np.float64]:
+        pieces, sources = [], []
+        for primitive in document.meshes[nodes[node].mesh].primitives:
+            vertices = array(primitive.attributes.POSITION)
+            if primitive.targets:
+                weights = motion[node, "weights"].reshape(-1, len(primitive.targets))[frame]
+                for weight, target in zip(weights, primitive.targets, strict=True):
+                    vertices += weight * array(target["POSITION"] if isinstance(target, dict) else target.POSITION)
+            pieces.append(vertices)
+            own = getattr(primitive.attributes, "_SOURCE_VERTEX", None)
+            sources.append(np.arange(len(vertices)) if own is None else array(own)[:, 0].astype(int))
+        source = np.concatenate(sources)
+        whole = np.zeros((source.max() + 1, 3))
+        whole[source] = np.concatenate(pieces)
+        return whole
+
+    turn, place = local(0)
+    head = mesh(0) @ turn.T + place
+    balls = []
+    for node in (1, 2):
+        own, pivot = local(node)
+        balls.append((mesh(node) @ own.T + pivot) @ turn.T + place)
+    return 1000 * head, 1000 * np.concatenate(balls)

@@ -104,7 +104,11 @@ def test_retarget_keeps_sound_and_times_and_says_what_it_did(
 def test_track_writes_both_kinds_of_file(tmp_path: Path, model: Path, actor: Path, photo: Path) -> None:
     import json
 
-    tracked = track_video(TrackVideoRequest(VideoChoice(actor), tmp_path / "a.json", model))
+    tracked = track_video(TrackVideoRequest(VideoChoice(actor), tmp_path / "a.json", model, glb=True))
+    scene = read_gltf(tmp_path / "a.glb")
+    assert [mesh.name for mesh in scene.meshes[1:]] == ["eyeball_right", "eyeball_left"]
+    assert len(scene.animations) == 3 and scene.animations[0].translation is not None
+    assert np.ptp(scene.animations[0].translation, axis=0).max() < 60  # a head that talks stays about where it is
     content = json.loads((tmp_path / "a.json").read_text())
     assert np.shape(content["weights"]) == (26, 46) and np.shape(content["rotations"]) == (26, 3, 3)
     assert content["tracked"] == tracked.performance.tracked.tolist()
@@ -113,7 +117,7 @@ def test_track_writes_both_kinds_of_file(tmp_path: Path, model: Path, actor: Pat
     assert tracked.numbers["landmark_residual_iod"] < 0.08
     write_curves(tmp_path / "a.csv", tracked)
     assert read_face_curves(tmp_path / "a.csv").tracked.sum() == 16
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.glb", "a.json"]
     clips = []
     for curves in ("a.json", "a.csv"):  # both play alike, but for what CSV has one column for, and cuts: it knows none
         out = tmp_path / f"{curves}.mp4"

@@ -3,6 +3,7 @@
 import base64
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -308,3 +309,29 @@ def test_other_refusals(tmp_path, rng):
         GltfMaterial("a", texture=np.zeros((2, 2, 3)))
     with pytest.raises(ShapeError, match="weights of animation"):
         GltfScene((_character(rng),), (GltfAnimation("a", np.array([0.0]), 0, np.zeros((1, 9))),))
+
+
+def test_a_child_turns_about_its_pivot_and_goes_along(tmp_path, rng):
+    pygltflib = pytest.importorskip("pygltflib")
+    head, eye = _character(rng), _character(rng)
+    eye = replace(eye, name="eye", parent=0, pivot=np.array([30.0, 40.0, 90.0]))
+    pupil = replace(eye, name="pupil", parent=1, pivot=np.array([31.0, 40.0, 102.0]))
+    times = np.array([0.0, 0.5])
+    turns = [_unit(rng.normal(size=(2, 4))) for _ in range(2)]
+    clips = tuple(GltfAnimation("look", times, k, rotation_wxyz=turn) for k, turn in zip((0, 1), turns, strict=True))
+    write_gltf(tmp_path / "a.glb", GltfScene((head, eye, pupil), clips))
+    document = pygltflib.GLTF2().load(str(tmp_path / "a.glb"))
+    assert document.scenes[0].nodes == [0] and document.nodes[0].children == [1] and document.nodes[1].children == [2]
+    np.testing.assert_allclose(document.nodes[1].translation, [0.03, 0.04, 0.09])
+    np.testing.assert_allclose(document.nodes[2].translation, [0.001, 0.0, 0.012])
+    (clip,) = document.animations
+    assert [channel.target.node for channel in clip.channels] == [0, 1]
+    back = read_gltf(tmp_path / "a.glb")
+    assert [mesh.parent for mesh in back.meshes] == [None, 0, 1]
+    for found, mesh in zip(back.meshes, (head, eye, pupil), strict=True):
+        np.testing.assert_allclose(found.vertices, mesh.vertices, atol=TOLERANCE_MM)
+        pivot = np.zeros(3) if found.pivot is None else found.pivot
+        np.testing.assert_allclose(pivot, np.zeros(3) if mesh.pivot is None else mesh.pivot, atol=TOLERANCE_MM)
+    assert [animation.mesh for animation in back.animations] == [0, 1]
+    with pytest.raises(ValueRangeError, match="parent of a mesh"):
+        GltfScene((eye, head))

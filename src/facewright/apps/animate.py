@@ -262,7 +262,7 @@ def write_clip(
             ready["glb"],
             glb,
             subject.rig,
-            subject.face.topology,
+            subject.face,
             texture=photo_rig_texture(subject),
             copyright=str(subject.fit.model.provenance.get("licence", "")),
         )

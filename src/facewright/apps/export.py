@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.apps.rig_clip import RigClip, split_pieces
 from facewright.errors import ValueRangeError
 from facewright.mesh.topology import Topology
 from facewright.numeric.check import check_shape
+
+if TYPE_CHECKING:
+    from facewright.io.gltf import GltfMesh
 
 Progress = Callable[[str, int, int], None]
 
@@ -42,28 +46,6 @@ class Rig(Protocol):
     @property
     def deltas(self) -> NDArray[np.floating[Any]]:
         """Displacements (B, V, 3), millimetres."""
-
-
-@dataclass(frozen=True, eq=False)
-class RigClip:
-    """A motion of the rig.
-
-    Parameters
-    ----------
-    name : str
-        Name of the clip.
-    times : ndarray of shape (T,), seconds
-        Strictly increasing.
-    weights : ndarray of shape (T, B)
-        Weights of the rig's own shapes.
-    rotation_wxyz : ndarray of shape (T, 4), optional
-        Turn of the head.
-    """
-
-    name: str
-    times: NDArray[np.floating[Any]]
-    weights: NDArray[np.floating[Any]]
-    rotation_wxyz: NDArray[np.floating[Any]] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,15 +277,33 @@ def _export_gltf(
         morph_normals=turns if names else None,
         weights=request.weights if mix is None or request.weights is None else mix @ request.weights,
     )
-    animations = []
+    meshes: tuple[GltfMesh, ...] = (mesh,)
+    animations: list[GltfAnimation] = []
     if request.clip is not None:
         clip = request.clip
         check_shape("clip.weights", clip.weights, len(clip.times), len(request.rig.names))
         weights = clip.weights if mix is None else clip.weights @ mix.T
-        animations.append(GltfAnimation(clip.name, clip.times, 0, weights, clip.rotation_wxyz))
-    scene = GltfScene((mesh,), tuple(animations), copyright=request.copyright)
+        if clip.curves:
+            mesh = _with_still_shapes(mesh, tuple(clip.curves))
+            weights = np.concatenate([weights, np.stack(list(clip.curves.values()), axis=1)], axis=1)
+        meshes = split_pieces(mesh, clip.pieces)
+        animations.append(GltfAnimation(clip.name, clip.times, 0, weights, clip.rotation_wxyz, clip.translation))
+        for number, piece in enumerate(clip.pieces, 1):
+            animations.append(GltfAnimation(clip.name, clip.times, number, rotation_wxyz=piece.rotation_wxyz))
+    scene = GltfScene(meshes, tuple(animations), copyright=request.copyright)
     write_gltf(request.out, scene, image_format=request.image_format)
     return ExportResult((request.out,), names, n, len(faces), request.out.stat().st_size)
+
+
+def _with_still_shapes(mesh: GltfMesh, names: tuple[str, ...]) -> GltfMesh:
+    """Return the mesh with further shapes that move nothing."""
+    still = np.zeros((len(names), len(mesh.vertices), 3), np.float32)
+    deltas, turns = (
+        still if v is None else np.concatenate([v, still]) for v in (mesh.morph_deltas, mesh.morph_normals)
+    )
+    weights = None if mesh.weights is None else np.concatenate([mesh.weights, np.zeros(len(names))])
+    all_names = (*mesh.morph_names, *names)
+    return replace(mesh, morph_names=all_names, morph_deltas=deltas, morph_normals=turns, weights=weights)
 
 
 def _materials(looks: tuple[str, ...], request: ExportRequest) -> tuple[Any, ...]:

@@ -17,7 +17,8 @@ from facewright.models.performance import Performance
 from facewright.numeric.rotation import quaternion_from_matrix
 
 if TYPE_CHECKING:
-    from facewright.mesh.topology import Topology
+    from facewright.apps.rig_clip import TurningPiece
+    from facewright.faces.face import Face
     from facewright.models.blendshapes import BlendshapeRig
 
 #: Turn of an eye, radians, at which ARKit's coefficient is one: slopes of a real recording (least squares, 4,030 rows).
@@ -78,13 +79,11 @@ def curves_from_performance(performance: Performance) -> FaceCurves:
     plain = [_plain(name) for name in SHAPE_COLUMNS]
     for name, column in zip(chart.names, shapes.T):
         values[:, plain.index(_plain(name))] = column
-    for side, (yaw, pitch) in zip(_SIDES, performance.gaze.transpose(1, 2, 0)):
-        outward = yaw if side == "Left" else -yaw
-        down = values[:, CURVE_COLUMNS.index(f"EyeLookDown{side}")]
-        values[:, CURVE_COLUMNS.index(f"EyeLookOut{side}")] = outward / LOOK_OUT
-        values[:, CURVE_COLUMNS.index(f"EyeLookIn{side}")] = -outward / LOOK_IN
-        values[:, CURVE_COLUMNS.index(f"EyeLookUp{side}")] = pitch / LOOK_UP
-        values[:, CURVE_COLUMNS.index(f"EyeLookDown{side}")] = np.maximum(down, -pitch / LOOK_DOWN)
+    looks = eye_looks(performance.gaze)
+    for side, (yaw, pitch) in zip(_SIDES, performance.gaze.transpose(1, 2, 0), strict=True):
+        for way, look in looks[side].items():
+            column = CURVE_COLUMNS.index(f"EyeLook{way}{side}")
+            values[:, column] = np.maximum(values[:, column], look) if way == "Down" else look  # the lids look down too
         values[:, CURVE_COLUMNS.index(f"{side}EyeYaw")] = -yaw
         values[:, CURVE_COLUMNS.index(f"{side}EyePitch")] = -pitch
     values[:, : len(SHAPE_COLUMNS)] = np.clip(values[:, : len(SHAPE_COLUMNS)], 0.0, 1.0)
@@ -155,13 +154,17 @@ def write_performance_glb(
     path: str | Path,
     performance: Performance,
     rig: BlendshapeRig,
-    topology: Topology,
+    face: Face,
     *,
+    places: bool = False,
     texture: NDArray[np.uint8] | None = None,
     vertex_colors: NDArray[np.uint8] | None = None,
     copyright: str = "",
 ) -> None:
-    """Write a rig that plays a performance: morph targets and the turn of the head, as glTF; gaze is not in it.
+    """Write a rig that plays a performance, as glTF: morph targets, and the turns of the head and of the eyeballs.
+
+    The head's node turns; the eyeballs are nodes of their own below it, so that they keep their shape. ARKit's eight
+    ``eyeLook`` weights are there too, for programs that look for them, of morph targets that move nothing.
 
     Parameters
     ----------
@@ -171,8 +174,10 @@ def write_performance_glb(
         Frames of it that are not tracked play as they are.
     rig : BlendshapeRig
         Its shapes carry the performance's names.
-    topology : Topology
-        Of the rig.
+    face : Face
+        Of the rig. The eyes of one without eyeballs do not turn.
+    places : bool
+        Also move the head from its usual place (median) to where it is in each frame.
     texture, vertex_colors
         See `facewright.apps.export.ExportRequest`.
     copyright : str
@@ -193,9 +198,54 @@ def write_performance_glb(
     weights = np.zeros((performance.n_frames, len(rig.names)))
     weights[:, [rig.names.index(name) for name in performance.names]] = performance.weights
     turns = _continuous(quaternion_from_matrix(FRONTAL @ performance.rotations))
-    clip = RigClip("performance", performance.times - performance.times[0], weights, turns)
+    looks = {
+        f"eyeLook{way}_{side[0]}": np.clip(values, 0.0, 1.0)
+        for side, ways in eye_looks(performance.gaze).items()
+        for way, values in ways.items()
+    }
+    moved = (performance.translations - np.median(performance.translations, axis=0)) @ FRONTAL.T
+    clip = RigClip(
+        "performance",
+        performance.times - performance.times[0],
+        weights,
+        turns,
+        moved if places else None,
+        _turning_eyeballs(face, rig, performance.gaze),
+        looks,
+    )
     request: dict[str, Any] = {"texture": texture, "vertex_colors": vertex_colors, "copyright": copyright}
-    export_rig(ExportRequest(rig, topology, Path(path), clip=clip, **request))
+    export_rig(ExportRequest(rig, face.topology, Path(path), clip=clip, **request))
+
+
+def _turning_eyeballs(face: Face, rig: BlendshapeRig, gaze: NDArray[np.float64]) -> tuple[TurningPiece, ...]:
+    from facewright.apps.rig_clip import TurningPiece
+    from facewright.fitting.gaze import SIDES, eyeball_frame, eyeball_of, gaze_of_axis, turn_of_gaze
+
+    known = {*face.topology.parts, *face.topology.masks}
+    pieces = []
+    for k, side in enumerate(SIDES):
+        if not {f"eyeball_{side}", f"iris_{side}"} <= known:
+            continue
+        centre, axis = eyeball_frame(face, side, rig.neutral)
+        straight = turn_of_gaze(*gaze_of_axis(axis)).T
+        turns = np.array([turn_of_gaze(yaw, pitch) @ straight for yaw, pitch in gaze[:, k]])
+        ids = eyeball_of(face, side)
+        pieces.append(TurningPiece(f"eyeball_{side}", ids, centre, _continuous(quaternion_from_matrix(turns))))
+    return tuple(pieces)
+
+
+def eye_looks(gaze: NDArray[np.float64]) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """Return ARKit's ``EyeLook`` coefficients of gaze (T, 2, 2), by side and way, each (T,), not clipped."""
+    looks = {}
+    for side, (yaw, pitch) in zip(_SIDES, gaze.transpose(1, 2, 0), strict=True):
+        outward = yaw if side == "Left" else -yaw
+        looks[side] = {
+            "Out": outward / LOOK_OUT,
+            "In": -outward / LOOK_IN,
+            "Up": pitch / LOOK_UP,
+            "Down": -pitch / LOOK_DOWN,
+        }
+    return looks
 
 
 def _gaze_from_curves(curves: FaceCurves) -> NDArray[np.float64]:

@@ -246,7 +246,7 @@ def open_photo_subject(
         file, name = PhotoFile.of(photo), "the picture"
     else:
         file, name = read_photo(photo), str(photo)
-    face = _face_of(model)
+    face = face_of(model)
     report("finding the face", 1)
     found, n_faces = find_face(file, name, face_index, landmarks, detector, task_file)
     check_in_picture(found, file.pixels, name)
@@ -283,7 +283,7 @@ def complete_subject(
     remarks : tuple of str
         Kept in the subject.
     """
-    rig, attacher = _complete_rig(fit, face)
+    rig, attacher = complete_rig(fit.model, fit.rig, face)
     V = face.topology.n_vertices
     subject = PhotoSubject(
         photo=file.pixels,
@@ -319,20 +319,28 @@ def _residual(subject: PhotoSubject, vertices: NDArray[np.float64]) -> NDArray[n
     return adjust.displacement(vertices, pixels, subject.intrinsics, subject.camera_from_model, present)
 
 
-def _complete_rig(fit: PhotoFit, face: Face) -> tuple[BlendshapeRig, PartsAttacher | None]:
+def complete_rig(model: BilinearModel, rig: BlendshapeRig, face: Face) -> tuple[BlendshapeRig, PartsAttacher | None]:
     """Return the rig of all parts, and what completes skins where the model holds only the skin.
 
     Far from where a shape moves a face, what the model says of it is the noise of its compression, tenths of a
     millimetre: ears, hair and neck would breathe with every blink.
+
+    Parameters
+    ----------
+    model : BilinearModel
+        That the rig is of.
+    rig : BlendshapeRig
+        A person's.
+    face : Face
+        All parts of the model's face, see `face_of`.
     """
     from facewright.faces.shape_support import shape_support
 
-    rig = fit.rig
     local, support = rig.deltas.copy(), shape_support(face)
     for k, name in enumerate(rig.names):
         if name in face.blendshape_names:  # a model may have expressions of its own
             local[k] *= support[face.blendshape_names.index(name), : len(rig.neutral), None]
-    if fit.model.n_vertices == face.topology.n_vertices:
+    if model.n_vertices == face.topology.n_vertices:
         return BlendshapeRig(rig.neutral, rig.names, local), None
     from facewright.faces.attach_parts import parts_attacher
 
@@ -342,8 +350,14 @@ def _complete_rig(fit: PhotoFit, face: Face) -> tuple[BlendshapeRig, PartsAttach
     return BlendshapeRig(neutral.astype(np.float32), rig.names, deltas.astype(np.float32)), attacher
 
 
-def _face_of(model: BilinearModel) -> Face:
-    """Return the face, all parts, that a model was built with."""
+def face_of(model: BilinearModel) -> Face:
+    """Return the face, all parts, that a model was built with.
+
+    Raises
+    ------
+    MissingFaceError
+        If it is not installed, or has another mesh.
+    """
     from facewright.faces import load_face
 
     name = str(model.provenance.get("face", ""))

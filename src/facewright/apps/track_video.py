@@ -13,7 +13,7 @@ import numpy as np
 
 from facewright.apps.default_model import model_or_default
 from facewright.apps.landmark_video import LandmarkVideo, find_video_landmarks
-from facewright.apps.performance_files import write_performance_csv
+from facewright.apps.performance_files import write_performance_csv, write_performance_glb
 from facewright.apps.performance_json import write_performance_json
 from facewright.apps.untracked_frames import fill_untracked, gaps_sentence
 from facewright.errors import NoFaceError, ValueRangeError
@@ -98,11 +98,14 @@ class TrackVideoRequest:
         ``.csv`` (Live Link Face) or ``.json`` (our 46 shapes, poses, gaze, residuals).
     model : Path, optional
         Model file; the default model where absent.
+    glb : bool
+        Also write the actor, animated, beside the curves: the face at rest as the clip shows it, its head where it is.
     """
 
     choice: VideoChoice
     out: Path
     model: Path | None = None
+    glb: bool = False
 
     def __post_init__(self) -> None:
         if self.out.suffix.lower() not in WRITE_SUFFIXES:
@@ -133,6 +136,9 @@ def track_video(request: TrackVideoRequest, progress: Progress | None = None) ->
         tracked = track(work, request.choice, model, progress)
         ready = work.path / f"result{request.out.suffix}"
         write_curves(ready, tracked)
+        if request.glb:
+            _write_actor(work.path / "result.glb", tracked)
+            os.replace(work.path / "result.glb", request.out.with_suffix(".glb"))  # noqa: PTH105
         os.replace(ready, request.out)  # noqa: PTH105
         work.remove()
     return tracked
@@ -201,3 +207,17 @@ def write_curves(path: Path, tracked: TrackedVideo) -> None:
         "identity_weights": tracked.fit.identity.identity_weights.tolist(),
     }
     write_performance_json(path, tracked.performance, tracked.video.track.cuts, extras)
+
+
+def _write_actor(path: Path, tracked: TrackedVideo) -> None:
+    """Write the clip's person playing the clip's performance, in made-up colours."""
+    from facewright.apps.paint_person import person_colors
+    from facewright.apps.photo_subject import complete_rig, face_of
+
+    model = tracked.fit.identity.model
+    face = face_of(model)
+    rig, _ = complete_rig(model, tracked.fit.identity.rig, face)
+    licence = str(model.provenance.get("licence", ""))
+    write_performance_glb(
+        path, tracked.performance, rig, face, places=True, vertex_colors=person_colors(face), copyright=licence
+    )

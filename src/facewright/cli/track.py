@@ -16,6 +16,7 @@ def track(
     out: Annotated[
         Path, typer.Option("--out", "-o", help="The curves: .csv (Live Link Face) or .json (46 shapes, poses, gaze).")
     ] = Path("curves.csv"),
+    glb: Annotated[bool, typer.Option("--glb", help="Also write the actor, animated, beside the curves.")] = False,
     model: ModelOption = None,
     face: FaceOption = 0,
     task_file: TaskFileOption = None,
@@ -29,17 +30,17 @@ def track(
     \b
     Examples:
       facewright track clip.mp4 -o curves.csv
-      facewright track clip.mp4 -o everything.json --face 1
+      facewright track clip.mp4 -o everything.json --face 1 --glb
       facewright animate portrait.jpg --curves curves.csv -o portrait.mp4
     """
     from facewright.apps.track_video import TrackVideoRequest, VideoChoice, track_video
 
-    request = TrackVideoRequest(VideoChoice(video, face, task_file), out, model)
+    request = TrackVideoRequest(VideoChoice(video, face, task_file), out, model, glb)
     with progress_bar(as_json) as progress:
         tracked = track_video(request, progress)
     performance = tracked.performance
     payload = {
-        "paths": {"curves": out},
+        "paths": {"curves": out} | ({"glb": out.with_suffix(".glb")} if glb else {}),
         "frames": performance.n_frames,
         "frames_tracked": int(performance.tracked.sum()),
         "notes": list(tracked.notes),
@@ -50,6 +51,8 @@ def track(
         for note in tracked.notes:
             say_aside(note[:1].upper() + note[1:])
         say(f"curves: {out}")
+        if glb:
+            say(f"glb: {out.with_suffix('.glb')}")
         say(
             f"{performance.n_frames} frames, a face in {int(performance.tracked.sum())}; points are off by "
             f"{100 * tracked.numbers['landmark_residual_iod']:.1f} % of the distance between the eyes."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,8 @@ def read_gltf(path: str | Path) -> GltfScene:
     Returns
     -------
     GltfScene
-        One `GltfMesh` per node that shows a mesh, in millimetres, with the node's place applied; its primitives are
-        joined. Files of `write_gltf` give their original vertices in their original order.
+        One `GltfMesh` per node that shows a mesh, in millimetres, with the node's place applied and its origin as
+        pivot; its primitives are joined. Files of `write_gltf` give their original vertices in their original order.
 
     Raises
     ------
@@ -69,12 +70,18 @@ class _SceneReader:
     def scene(self) -> GltfScene:
         meshes: list[GltfMesh] = []
         mesh_of_node: dict[int, int] = {}
+        parent_of = {
+            child: node
+            for node, entry in enumerate(self.document.get("nodes", []))
+            for child in entry.get("children", [])
+        }
         for node, matrix in self._nodes():
             entry = self.document["nodes"][node]
             if "mesh" not in entry:
                 continue
             mesh = self._mesh(self.document["meshes"][entry["mesh"]], entry, matrix)
             if mesh is not None:
+                mesh = replace(mesh, parent=mesh_of_node.get(parent_of.get(node, -1)))
                 mesh_of_node[node] = len(meshes)
                 meshes.append(mesh)
         animations = [
@@ -159,6 +166,7 @@ class _SceneReader:
             morph_deltas=_stack(joined["targets"], "POSITION", MM_PER_METRE * linear) if n_targets else None,
             morph_normals=_stack(joined["targets"], "NORMAL", linear) if n_targets else None,
             weights=None if weights is None or not n_targets else np.array(weights, dtype=np.float32),
+            pivot=MM_PER_METRE * matrix[:3, 3] if matrix[:3, 3].any() else None,
         )
 
     def _vertices(self, primitive: dict[str, Any]) -> dict[str, Any]:

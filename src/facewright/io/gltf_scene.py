@@ -75,6 +75,10 @@ class GltfMesh:
         Change of the normals at weight one.
     weights : ndarray of shape (B,), or None
         Weights at rest.
+    parent : int or None
+        Index of an earlier mesh of the scene; this one goes along with its node.
+    pivot : ndarray of shape (3,), millimetres, or None
+        Origin of its node, about which it turns, in the coordinates of `vertices`; zero where None.
     """
 
     name: str
@@ -90,6 +94,8 @@ class GltfMesh:
     morph_deltas: NDArray[np.floating[Any]] | None = None
     morph_normals: NDArray[np.floating[Any]] | None = None
     weights: NDArray[np.floating[Any]] | None = None
+    parent: int | None = None
+    pivot: NDArray[np.floating[Any]] | None = None
 
     def __post_init__(self) -> None:
         V = check_shape("vertices", self.vertices, "V", 3)["V"]
@@ -116,6 +122,9 @@ class GltfMesh:
                 check_finite(name, getattr(self, name))
         if self.weights is not None:
             check_shape("weights", self.weights, B)
+        if self.pivot is not None:
+            check_shape("pivot", self.pivot, 3)
+            check_finite("pivot", self.pivot)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +142,9 @@ class GltfAnimation:
     weights : ndarray of shape (T, B), or None
         Morph weights.
     rotation_wxyz : ndarray of shape (T, 4), or None
-        Unit quaternions, scene from mesh.
+        Unit quaternions, parent (or scene) from mesh, about the mesh's pivot.
     translation : ndarray of shape (T, 3), millimetres, or None
-        Scene from mesh.
+        Of the mesh's pivot, from the parent's (or the scene's origin).
     """
 
     name: str
@@ -163,9 +172,9 @@ class GltfScene:
     Parameters
     ----------
     meshes : tuple of GltfMesh
-        The meshes of the scene.
+        The meshes of the scene, parents before their children.
     animations : tuple of GltfAnimation
-        Clips.
+        Clips; motions of several meshes with one name are one clip.
     copyright : str
         Licence and attribution line of the file.
     extras : mapping
@@ -178,6 +187,9 @@ class GltfScene:
     extras: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for index, mesh in enumerate(self.meshes):
+            if mesh.parent is not None:
+                check_indices("parent of a mesh", np.array([mesh.parent]), index)
         for animation in self.animations:
             check_indices("mesh of an animation", np.array([animation.mesh]), len(self.meshes))
             if animation.weights is not None:

@@ -64,20 +64,21 @@ class _SceneWriter:
         self.images: list[dict[str, Any]] = []
         self.materials: list[dict[str, Any]] = []
         self.material_index: dict[int, int] = {}
+        self.times: dict[bytes, int] = {}
 
     def serialise(self, *, binary: bool) -> bytes:
         from facewright import __version__
 
         meshes = [self._mesh(mesh) for mesh in self.scene.meshes]
-        animations = [self._animation(animation) for animation in self.scene.animations]
+        animations = self._animations()
         asset = {"version": "2.0", "generator": f"facewright {__version__}"}
         if self.scene.copyright:
             asset["copyright"] = self.scene.copyright
         document: dict[str, Any] = {
             "asset": asset,
             "scene": 0,
-            "scenes": [{"nodes": list(range(len(meshes)))}],
-            "nodes": [{"mesh": i, "name": mesh.name} for i, mesh in enumerate(self.scene.meshes)],
+            "scenes": [{"nodes": [i for i, mesh in enumerate(self.scene.meshes) if mesh.parent is None]}],
+            "nodes": [self._node(i) for i in range(len(meshes))],
             "meshes": meshes,
             "accessors": self.buffer.accessors,
             "bufferViews": self.buffer.views,
@@ -93,6 +94,15 @@ class _SceneWriter:
         if self.scene.extras:
             document["extras"] = dict(self.scene.extras)
         return pack_document(document, bytes(self.buffer.data), binary=binary)
+
+    def _node(self, index: int) -> dict[str, Any]:
+        mesh = self.scene.meshes[index]
+        node: dict[str, Any] = {"mesh": index, "name": mesh.name}
+        origin = _pivot(mesh) - (np.zeros(3) if mesh.parent is None else _pivot(self.scene.meshes[mesh.parent]))
+        if origin.any():
+            node["translation"] = (origin / MM_PER_METRE).tolist()
+        children = [i for i, other in enumerate(self.scene.meshes) if other.parent == index]
+        return node | ({"children": children} if children else {})
 
     def _mesh(self, mesh: GltfMesh) -> dict[str, Any]:
         owner = np.zeros(len(mesh.faces), np.int64) if mesh.face_materials is None else mesh.face_materials
@@ -119,7 +129,7 @@ class _SceneWriter:
         if uv_source is not None:
             uv_source = np.concatenate([uv_source, np.zeros(len(loose), np.int64)])
         add = self.buffer.add_accessor
-        metres = (mesh.vertices[source] / MM_PER_METRE).astype(np.float32)
+        metres = ((mesh.vertices[source] - _pivot(mesh)) / MM_PER_METRE).astype(np.float32)
         attributes = {"POSITION": add(metres, ARRAY_BUFFER, bounds=True)}
         if mesh.normals is not None:
             attributes["NORMAL"] = add(_unit(mesh.normals[source]), ARRAY_BUFFER)
@@ -178,9 +188,21 @@ class _SceneWriter:
         self.images.append({"bufferView": view, "mimeType": f"image/{self.image_format}"})
         return len(self.images) - 1
 
-    def _animation(self, animation: GltfAnimation) -> dict[str, Any]:
+    def _animations(self) -> list[dict[str, Any]]:
+        """Write the clips: motions of one name are one clip, of several nodes."""
+        entries: dict[str, dict[str, Any]] = {}
+        for animation in self.scene.animations:
+            entry = entries.setdefault(animation.name, {"name": animation.name, "samplers": [], "channels": []})
+            self._animation(animation, entry["samplers"], entry["channels"])
+        return list(entries.values())
+
+    def _animation(
+        self, animation: GltfAnimation, samplers: list[dict[str, Any]], channels: list[dict[str, Any]]
+    ) -> None:
         add = self.buffer.add_accessor
-        times = add(np.asarray(animation.times, dtype=np.float32), bounds=True)
+        keys = np.asarray(animation.times, dtype=np.float32)
+        if keys.tobytes() not in self.times:
+            self.times[keys.tobytes()] = add(keys, bounds=True)
         outputs: dict[str, NDArray[Any]] = {}
         if animation.weights is not None:
             outputs["weights"] = animation.weights.reshape(-1)
@@ -188,12 +210,14 @@ class _SceneWriter:
             outputs["rotation"] = _unit(np.roll(animation.rotation_wxyz, -1, axis=1))  # glTF: xyzw
         if animation.translation is not None:
             outputs["translation"] = animation.translation / MM_PER_METRE
-        samplers = [
-            {"input": times, "output": add(values.astype(np.float32)), "interpolation": "LINEAR"}
-            for values in outputs.values()
-        ]
-        channels = [{"sampler": i, "target": {"node": animation.mesh, "path": path}} for i, path in enumerate(outputs)]
-        return {"name": animation.name, "samplers": samplers, "channels": channels}
+        for path, values in outputs.items():
+            channels.append({"sampler": len(samplers), "target": {"node": animation.mesh, "path": path}})
+            output = add(values.astype(np.float32))
+            samplers.append({"input": self.times[keys.tobytes()], "output": output, "interpolation": "LINEAR"})
+
+
+def _pivot(mesh: GltfMesh) -> NDArray[np.float64]:
+    return np.zeros(3) if mesh.pivot is None else np.asarray(mesh.pivot, dtype=np.float64)
 
 
 def split_seams(
