@@ -28,7 +28,8 @@ _FAR_MM = 90.0  # and so far away everything is
 _RINGS = 2  # neighbours of a point that tell how the face around it is turned and how large it is
 _SIZES = 0.5, 2.0
 _JAW_SHARE = 0.3  # points that jawOpen moves by this share of its most tell how the jaw stands
-_FOLLOWED = 4
+_FOLLOWED = 16  # points of the skin that a loose vertex looks at
+_ALIKE_MM = 1.0
 _SHARE_LEAST = 1e-3
 _JAW_TRUST = 0.02  # ridge of the jaw's regression, as a share of its mean square
 
@@ -68,7 +69,7 @@ def bind_character(
     coarse = places.of(shapes)
     follow = smooth_weights(rest, pieces.surface_faces, places, _still(character, pieces, places))
     report("binding the character", 1, 4)
-    follow = _with_loose(follow, pieces, rest)
+    follow = _with_loose(follow, character, pieces)
     jaw, with_jaw = _jaw(character, pieces, coarse, follow)
     report("binding the character", 2, 4)
     follow = sparse.diags(1.0 - jaw.shares) @ follow
@@ -116,15 +117,19 @@ def _still(character: Face, pieces: FacePieces, places: SurfacePlaces) -> NDArra
     return np.flatnonzero(((moves < _MOVES_MM) & (away > _NEAR_MM)) | (away > _FAR_MM))
 
 
-def _with_loose(follow: sparse.csr_matrix, pieces: FacePieces, rest: NDArray[np.float64]) -> sparse.csr_matrix:
-    """Let loose geometry follow the four nearest points of the surface, less the farther away they are."""
-    if not len(pieces.loose):
+def _with_loose(follow: sparse.csr_matrix, character: Face, pieces: FacePieces) -> sparse.csr_matrix:
+    """Let loose geometry follow the surface near it, those points of it that blendshapes move alike."""
+    loose, rest = pieces.loose, character.mean_shape.astype(np.float64)
+    if not len(loose):
         return follow
     surface = np.arange(len(rest))[pieces.surface]
-    away, ids = cKDTree(rest[surface]).query(rest[pieces.loose], k=_FOLLOWED)
-    weights = np.exp(-0.5 * (away / FOLLOW_MM) ** 2)
-    weights *= weights[:, :1] / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
-    rows = np.repeat(pieces.loose, _FOLLOWED)
+    away, ids = cKDTree(rest[surface]).query(rest[loose], k=_FOLLOWED)
+    shapes = character.blendshape_deltas.transpose(1, 0, 2).reshape(len(rest), -1)
+    unlike = np.stack([((shapes[loose] - shapes[surface[ids[:, k]]]) ** 2).sum(axis=1) for k in range(_FOLLOWED)], 1)
+    unlike = unlike - unlike.min(axis=1, keepdims=True)
+    weights = np.exp(-0.5 * (away / FOLLOW_MM) ** 2 - 0.5 * unlike / _ALIKE_MM**2)
+    weights *= np.exp(-0.5 * (away[:, :1] / FOLLOW_MM) ** 2) / np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
+    rows = np.repeat(loose, _FOLLOWED)
     nearby = sparse.csr_matrix((weights.ravel(), (rows, surface[ids].ravel())), shape=(len(rest), len(rest)))
     return (follow + nearby @ follow).tocsr()
 

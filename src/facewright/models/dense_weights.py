@@ -150,7 +150,8 @@ def learned_weights(
         X = np.asarray(coarse, dtype=np.float64)[:, ids[rows]].transpose(1, 2, 0, 3).reshape(-1, k, 3 * B)
         Y = np.asarray(dense[:, rows], dtype=np.float64).transpose(1, 0, 2).reshape(-1, 1, 3 * B)
         missing = Y - prior[rows, None] @ X
-        freedom = np.sqrt(np.abs(prior[rows])) * inside[rows] / _TRUST_MM
+        size = np.abs(prior[rows]) * inside[rows]
+        freedom = np.sqrt(size / np.maximum(size.sum(axis=1, keepdims=True), 1e-9)) / _TRUST_MM
         X *= freedom[..., None]
         gram = X @ X.transpose(0, 2, 1) + np.eye(k)
         change = np.linalg.solve(gram, X @ missing.transpose(0, 2, 1))[..., 0]
