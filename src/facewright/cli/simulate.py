@@ -103,3 +103,68 @@ def people(
         as_json,
         lambda: say(f"Added {added} to {out}{there}; next: facewright model build {out} -o faces.fwbm"),
     )
+
+
+@app.command("performance")
+def performance(
+    out: Annotated[Path, typer.Argument(help="Folder for the session; one folder a performer is added to it.")],
+    faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",
+    performers: Annotated[
+        str | None, typer.Option(help="Of M1, F1, M2 and F2, with commas between; all four if absent.")
+    ] = None,
+    clips: Annotated[str | None, typer.Option(help="Clips with commas between; all if absent.")] = None,
+    file_format: Annotated[str, typer.Option("--format", help="Of the marker files: c3d, trc or csv.")] = "c3d",
+    meshes: Annotated[bool, typer.Option("--meshes", help="Write the true surfaces beside, 15 a second.")] = False,
+    curves: Annotated[
+        str | None,
+        typer.Option(help="Live Link Face recording for the range of motion, or none for a made-up one."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of performers, takes and noise.", min=0)] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Simulate a motion capture session: four performers act 18 emotional sentences each, with markers on their faces.
+
+    The first, M1, also acts a range of motion and 86 FACS combinations. Markers are 3 mm wide and about 1 cm apart,
+    120 frames a second, with 0.2 mm of noise, dropouts and swapped labels.
+
+    \b
+    Examples:
+      facewright simulate performance session
+      facewright simulate performance session --performers M1 --clips neutral,pride_01,rage_05 --format csv
+      facewright simulate performance session --faces ict --meshes
+    """
+    from facewright.apps.simulate_performance import SimulatePerformanceRequest, simulate_performance
+
+    request = SimulatePerformanceRequest(
+        out=out,
+        face=faces,
+        seed=seed,
+        format=file_format,
+        performers=_listed(performers),
+        clips=_listed(clips),
+        meshes=meshes,
+        curves=curves,
+    )
+    with progress_bar(as_json) as progress:
+        result = simulate_performance(request, progress)
+    payload = {
+        "path": result.out,
+        "performers": result.performers,
+        "clips": result.n_clips,
+        "frames": result.n_frames,
+        "bytes": result.n_bytes,
+        "range_of_motion": result.range_of_motion,
+    }
+    finish(
+        payload,
+        as_json,
+        lambda: say(
+            f"Wrote {counted(result.n_clips, 'clip')} of {counted(len(result.performers), 'performer')}, "
+            f"{counted(result.n_frames, 'frame')} ({result.n_bytes / 1e6:.0f} MB) to {result.out}; "
+            f"next: facewright mocap import {result.out}/{next(iter(result.performers))}/*.{file_format} -o face.fwms"
+        ),
+    )
+
+
+def _listed(text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(name.strip() for name in text.split(","))

@@ -42,7 +42,7 @@ _PAIRS: tuple[tuple[str, str], ...] = (
 _OVERSHOOT, _TOGETHER = 0.25, 0.35  # what two shapes lose where both move, and how they differ otherwise
 _BEND = 0.14  # RMS of a shape's way off its straight line, relative to its size
 _TOUCH_MM = 0.25  # lips that would cross by more than about this are kept from it
-_SEALED_GAP = 0.1
+_SEALED_AT = 0.93  # lips meet where mouthClose takes back this share of jawOpen
 _STICKY_MM = 0.5  # lips parted by less stay together
 #: Soft tissue as a damped spring: eigenfrequency, damping, and its softest places.
 _WOBBLE_HZ, _WOBBLE_DAMPING = 5.5, 0.35
@@ -204,9 +204,9 @@ class ActingSkin:
         opened = self._basis[:, self._upper] - self._basis[:, self._lower]
         offset = np.einsum("tk,kpc->tpc", features, opened, optimize=True)  # beyond the rest's
         jaw, close = w[:, SHAPE_INDEX["jawOpen"]], w[:, SHAPE_INDEX["mouthClose"]]
-        share = np.clip(close / np.maximum(jaw, 0.03), 0.0, 1.0)[:, None, None]
+        share = np.clip(close / (_SEALED_AT * np.maximum(jaw, 0.03)), 0.0, 1.0)[:, None, None]
         parted = offset - close[:, None, None] * opened[SHAPE_INDEX["mouthClose"]]  # if nothing closed them
-        wanted = (1.0 - (1.0 - _SEALED_GAP) * share) * parted
+        wanted = (1.0 - share) * parted
         rolled = np.clip(w[:, columns_of("mouthRollLower") + columns_of("mouthRollUpper")].max(axis=1), 0.0, 1.0)
         change, height = wanted - offset, wanted[..., 1]
         # soft contact: a crossing of h mm ends as about -_TOUCH_MM, lips rolled in may pass each other a little
