@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from facewright.errors import TopologyError
 from facewright.faces.face import Face
 from facewright.mesh.connectivity import boundary_loops, vertex_adjacency, vertex_components
+from facewright.mesh.geodesics import path_graph
 
 _FOREHEAD = 0.45  # how far above the brows it reaches, in heights from the base of the nose to the brows
 _ROUNDS = 3  # of removing what sticks out of the outline
@@ -40,6 +41,23 @@ def performance_region(face: Face) -> NDArray[np.bool_]:
     if topology.mirror is not None:
         inside &= inside[topology.mirror]
     return _main_piece(inside, topology.faces if topology.quads is None else topology.quads)
+
+
+def acting_surface(face: Face, margin_mm: float = 15.0) -> NDArray[np.bool_]:
+    """Return which skin vertices (n_skin,) lie in the `performance_region` or within `margin_mm` of it on the outside.
+
+    Lips and lids still end where they touch; for markers that were set beyond the region.
+    """
+    skin = face.skin()
+    points, faces = skin.mean_shape.astype(np.float64), skin.topology.faces
+    outside = ~_insides(points, faces, skin.topology.masks)
+    inside = performance_region(face)
+    graph = path_graph(points, faces[outside[faces].all(axis=1)])
+    distance = dijkstra(graph, directed=False, indices=np.flatnonzero(inside), min_only=True, limit=margin_mm)
+    kept = faces[(np.isfinite(distance) & outside)[faces].all(axis=1)]
+    found = np.zeros(len(points), dtype=bool)
+    found[kept] = True
+    return found
 
 
 def _before_the_limit(points: NDArray[np.float64], ids: NDArray[np.int32] | None, name: str) -> NDArray[np.bool_]:

@@ -1,0 +1,133 @@
+"""Labels that jumped: markers that changed names are given them back, markers that nothing explains are left out."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from facewright.errors import ValueRangeError
+from facewright.models.marker_gaps import predict_missing
+from facewright.numeric.check import check_shape
+
+Array = NDArray[np.float64]
+
+_REACH_MM = 30.0  # labels are mixed up between neighbours
+_ROUNDS = 6
+#: What a swap must gain in squared standard deviations, and beyond what a marker alone is implausible.
+_GAIN, _OUTLIER = 40.0, 60.0
+_OUTLIER_MM = 2.5
+
+
+class MendedLabels(NamedTuple):
+    """Offsets under the right labels, and what was done.
+
+    Parameters
+    ----------
+    offsets : ndarray of shape (T, M, 3), millimetres
+        NaN where a marker was left out.
+    partner : ndarray of shape (T, M), int
+        Whose label a marker bore; its own number where nothing was mended.
+    n_swapped, n_left_out : int
+        Values (a marker in a frame) renamed, and left out as no face would put a marker there.
+    """
+
+    offsets: Array
+    partner: NDArray[np.intp]
+    n_swapped: int
+    n_left_out: int
+
+
+def mend_labels(
+    offsets: NDArray[np.floating], rest: NDArray[np.floating], precision: NDArray[np.floating]
+) -> MendedLabels:
+    """Find swapped labels and markers out of place in every frame.
+
+    Two labels are exchanged where the frame becomes far likelier under a Gaussian prior of the offsets; all pairs of
+    neighbours are tried in all frames at once, the best pair of each frame first. A marker that is then still far from
+    where the others say it is counts as unseen.
+
+    Parameters
+    ----------
+    offsets : ndarray of shape (T, M, 3), millimetres
+        Offsets of the labelled points from the labels' places at rest, the head held still; NaN where unseen.
+    rest : ndarray of shape (M, 3), millimetres
+        The markers at rest.
+    precision : ndarray of shape (3M, 3M), 1 / mm^2
+        Inverse covariance of the offsets.
+
+    Raises
+    ------
+    ShapeError
+        If shapes do not match.
+    ValueRangeError
+        If a frame has no marker.
+    """
+    T, M = check_shape("offsets", offsets, "T", "M", 3).values()
+    check_shape("rest", rest, M, 3)
+    check_shape("precision", precision, 3 * M, 3 * M)
+    missing = np.isnan(offsets).any(axis=2)
+    if missing.all(axis=1).any():
+        raise ValueRangeError("every frame must have a marker, got one without.")
+    places = np.asarray(rest, dtype=np.float64)
+    points = np.where(missing[..., None], 0.0, np.asarray(offsets, dtype=np.float64)) + places
+    partner = np.tile(np.arange(M), (T, 1))
+    pairs = cKDTree(places).query_pairs(_REACH_MM, output_type="ndarray")
+    blocks = precision.reshape(M, 3, M, 3)
+    busy = np.arange(T)
+    for _ in range(_ROUNDS):
+        if not len(busy) or not len(pairs):
+            break
+        gain, best = _best_swap(points[busy] - places, missing[busy], places, pairs, precision, blocks)
+        busy, best = busy[gain > _GAIN], best[gain > _GAIN]
+        a, b = pairs[best].T
+        for array in (points, partner):
+            array[busy, a], array[busy, b] = array[busy, b], array[busy, a].copy()
+    missing = missing | _out_of_place(points - places, missing, precision, blocks)
+    left_out = int((missing & ~np.isnan(offsets).any(axis=2)).sum())
+    mended = np.where(missing[..., None], np.nan, points - places)
+    return MendedLabels(mended, partner, int(((partner != np.arange(M)) & ~missing).sum()), left_out)
+
+
+def _best_swap(
+    offsets: Array,
+    missing: NDArray[np.bool_],
+    places: Array,
+    pairs: NDArray[np.intp],
+    precision: NDArray[np.floating],
+    blocks: NDArray[np.floating],
+) -> tuple[Array, NDArray[np.intp]]:
+    """Return what the best exchange of each frame gains (F,), and which pair it is (F,)."""
+    T, M = offsets.shape[:2]
+    known = predict_missing(offsets, missing, precision)
+    pull = (known.reshape(T, -1) @ precision).reshape(T, M, 3)
+    a, b = pairs.T
+    apart = (known[:, b] + places[b]) - (known[:, a] + places[a])
+    curvature = blocks[a, :, a] + blocks[b, :, b] - blocks[a, :, b] - blocks[b, :, a]
+    change = 2.0 * ((pull[:, a] - pull[:, b]) * apart).sum(axis=2)
+    change += np.einsum("tpi,pij,tpj->tp", apart, curvature, apart, optimize=True)
+    change[missing[:, a] | missing[:, b]] = 0.0
+    best = change.argmin(axis=1)
+    return -change[np.arange(T), best], best
+
+
+def _out_of_place(
+    offsets: Array, missing: NDArray[np.bool_], precision: NDArray[np.floating], blocks: NDArray[np.floating]
+) -> NDArray[np.bool_]:
+    """Return the markers (T, M) far from where all others say they are; the worst of each frame first."""
+    T, M = offsets.shape[:2]
+    own = np.linalg.inv(blocks[np.arange(M), :, np.arange(M)])
+    gone = missing.copy()
+    for _ in range(_ROUNDS):
+        known = predict_missing(offsets, gone, precision)
+        pull = (known.reshape(T, -1) @ precision).reshape(T, M, 3)
+        off = np.einsum("mij,tmj->tmi", own, pull)
+        cost = (off * pull).sum(axis=2)
+        strange = (cost > _OUTLIER) & (np.linalg.norm(off, axis=2) > _OUTLIER_MM) & ~gone
+        if not strange.any():
+            break
+        worst = strange & (cost >= np.where(strange, cost, 0.0).max(axis=1, keepdims=True))
+        gone |= worst
+    return gone & ~missing
