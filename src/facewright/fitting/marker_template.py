@@ -1,4 +1,4 @@
-"""The generic face that markers are registered with: its acting surface, and what smooth deformations of it are likely."""
+"""The generic face that markers are registered with: its acting surface, and how it is likely to deform."""
 
 from __future__ import annotations
 
