@@ -66,3 +66,25 @@ def test_mistakes_are_one_sentence(
 def test_help_gives_examples(verb: str) -> None:
     result = CliRunner().invoke(app, [verb, "--help"])
     assert result.exit_code == 0 and f"facewright {verb}" in result.output
+
+
+@pytest.mark.parametrize(
+    "words, sentence",
+    [
+        (
+            ["transfer", "a.png", "b.png", "--component", "ear"],
+            "--component must be one of mouth, eyes, brows, nose, face",
+        ),
+        (["transfer", "a.png", "b.png", "-c", "ear"], "got 'ear'"),
+        (["transfer", "a.png", "b.png", "--reference-face", "-2"], "--reference-face must be at least 0, got -2"),
+        (["retarget", "a.mp4", "b.png", "--rest", "x"], "rest must be one of clip, camera, got 'x'"),
+        (["retarget", "a.mp4", "b.png", "--quality", "99"], "--quality must be at most 51, got 99"),
+        (["track", "a.mp4", "--face", "x"], "--face must be a whole number, got x"),
+        (["edit", "a.png", "--set", "jaw width=1", "--focal", "x"], "--focal must be a number, got x"),
+    ],
+)
+def test_wrong_choices_name_the_right_ones(words: list[str], sentence: str) -> None:
+    result = CliRunner().invoke(app, [*words, "--json"])
+    assert result.exit_code == 2
+    said = json.loads(result.stdout)["error"]["message"]
+    assert sentence in said and "Value error" not in said and said.endswith(".") and "\n" not in said

@@ -98,8 +98,12 @@ _NUMBER_RULES = (
 
 
 def _usage_sentence(error: Any, words: list[str]) -> str:
-    """Say what an option must be and what it got, in our words where the message is about a number."""
-    message = str(error.format_message())
+    """Say what an option must be and what it got, in our words where the message is about a number or a choice."""
+    message = str(error.format_message()).replace("Value error, ", "")
+    choice = re.search(r"Invalid value for (.+?): ('.*') is not one of ('.*')\.?$", message)
+    if choice:
+        names = re.findall(r"'([^']*)'", choice[1])
+        return f"{names[0] if names else choice[1]} must be one of {choice[3].replace(chr(39), '')}, got {choice[2]}"
     for flag in getattr(getattr(error, "param", None), "opts", ()):
         given = [word.partition("=")[2] for word in words if word.startswith(f"{flag}=")]
         given += [after for word, after in itertools.pairwise(words) if word == flag]
