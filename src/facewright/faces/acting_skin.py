@@ -40,7 +40,7 @@ _PAIRS: tuple[tuple[str, str], ...] = (
     ("mouthLowerDown", "mouthStretch"),
 )
 _OVERSHOOT, _TOGETHER = 0.25, 0.35  # what two shapes lose where both move, and how they differ otherwise
-_BEND = 0.14  # RMS of a shape's way off its straight line, relative to its size
+_BEND, _BENT_MM = 0.17, 20.0  # RMS of short ways off their straight line, relative to their length; long ones bend less
 _TOUCH_MM = 0.25  # lips that would cross by more than about this are kept from it
 _SEALED_AT = 0.93  # lips meet where mouthClose takes back this share of jawOpen
 _STICKY_MM = 0.5  # lips parted by less stay together
@@ -134,7 +134,8 @@ class ActingSkin:
 
     def _bends(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return (46, V, 3): how far half-way positions lie off the straight line of each shape."""
-        return _BEND * self._fields(np.linalg.norm(self._deltas, axis=2), rng)
+        size = np.linalg.norm(self._deltas, axis=2)
+        return _BEND * self._fields(size / (1.0 + size / _BENT_MM), rng)
 
     def _together(self, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return (P, V, 3): what two shapes at full weight do beyond their sum."""
