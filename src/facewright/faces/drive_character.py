@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from facewright.errors import ShapeError
+from facewright.faces.character_contacts import character_seals, lid_clearance
 from facewright.faces.face import Face
 from facewright.faces.pieces import FOLLOW_MM, FacePieces, face_pieces
 from facewright.faces.rigid_motion import RigidMotion
@@ -28,6 +30,9 @@ _FAR_MM = 90.0  # and so far away everything is
 _RINGS = 2  # neighbours of a point that tell how the face around it is turned and how large it is
 _SIZES = 0.5, 2.0
 _JAW_SHARE = 0.3  # points that jawOpen moves by this share of its most tell how the jaw stands
+_ARM_MM = 70.0  # from the jaw's joint to the chin, about
+_LEAN_TRUST = 0.02  # ridge of what the jaw adds to the skin
+_LEAN_MM = 0.1
 _FOLLOWED = 16  # points of the skin that a loose vertex looks at
 _ALIKE_MM = 1.0
 _SHARE_LEAST = 1e-3
@@ -75,10 +80,18 @@ def bind_character(
     follow = sparse.diags(1.0 - jaw.shares) @ follow
     follow = _without(follow, np.concatenate([np.zeros(0, np.intp), *(piece.vertices for piece in pieces.rigid)]))
     follow = learned_weights(follow, coarse, shapes - with_jaw)
+    jaw = _with_skin(jaw, character, coarse, shapes - follow_displacements(follow, coarse))
     report("binding the character", 3, 4)
     turns = local_turns(model.neutral, places.of(rest), model.faces)
     report("binding the character", 4, 4)
-    return CharacterWeights(character.mean_shape.astype(np.float32), follow.tocsr(), turns, jaw)
+    return CharacterWeights(
+        character.mean_shape.astype(np.float32),
+        follow.tocsr(),
+        turns,
+        jaw,
+        character_seals(character),
+        lid_clearance(character),
+    )
 
 
 def local_turns(
@@ -165,7 +178,7 @@ def _jaw(
     # Inside the mouth each vertex goes partly with the jaw and for the rest with the skin, as the blendshapes tell.
     inside = np.setdiff1d(np.arange(character.n_skin, V), np.concatenate([one.vertices for one in pieces.rigid]))
     carried = _rigid_displacements(piece, rest, centre)
-    with_skin = np.einsum("vn,bnc->bvc", follow[inside].toarray(), coarse)
+    with_skin = follow_displacements(follow[inside], coarse)
     own = character.blendshape_deltas[:, inside] - with_skin
     other = carried[:, inside] - with_skin
     shares = np.zeros(V)
@@ -174,7 +187,33 @@ def _jaw(
     )
     shares[shares < _SHARE_LEAST] = 0.0
     shares[piece.vertices] = 1.0
-    return JawFollowers(points, matrix, centre, shares), shares[:, None] * carried
+    ids = np.zeros(0, np.intp)
+    return JawFollowers(points, matrix, centre, shares, ids, np.zeros((0, 3, 6))), shares[:, None] * carried
+
+
+def follow_displacements(follow: sparse.csr_matrix, coarse: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return how far vertices go (B, V, 3), mm, that follow points displaced by `coarse` (B, N, 3)."""
+    B, N = coarse.shape[:2]
+    moved = follow @ np.asarray(coarse, np.float64).transpose(1, 0, 2).reshape(N, -1)
+    return np.asarray(moved).reshape(-1, B, 3).transpose(1, 0, 2)
+
+
+def _with_skin(
+    jaw: JawFollowers, character: Face, coarse: NDArray[np.float64], missing: NDArray[np.float64]
+) -> JawFollowers:
+    """Let the jaw add to the skin what weights leave out: they cannot turn a motion, as it turns under the chin."""
+    if not jaw.points.size:
+        return jaw
+    motions = coarse[:, jaw.points].reshape(len(coarse), -1) @ jaw.matrix.T  # (B, 6)
+    scale = np.array([_ARM_MM] * 3 + [1.0] * 3)  # rotations as millimetres at the chin
+    gram = (motions * scale).T @ (motions * scale)
+    gram[np.diag_indices_from(gram)] += _LEAN_TRUST * np.trace(gram) / len(gram)
+    missing = missing[:, : character.n_skin]
+    lean = np.einsum("ab,bvc->vca", np.linalg.solve(gram, (motions * scale).T), missing) * scale
+    size = np.linalg.norm(np.einsum("vca,ba->bvc", lean, motions), axis=2).max(axis=0)
+    lean *= np.clip(size / _LEAN_MM - 1.0, 0.0, 1.0)[:, None, None]  # smoothly none where it is next to nothing
+    ids = np.flatnonzero(size > _LEAN_MM)
+    return replace(jaw, skin_ids=ids, skin_lean=lean[ids])
 
 
 def _rigid_displacements(

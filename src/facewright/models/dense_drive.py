@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from facewright.errors import ShapeError
-from facewright.models._drive_kernels import drive
+from facewright.models._drive_kernels import clear_eyeballs, follow, follow_jaw, seal
+from facewright.models.character_contact import LidClearance, Seals
 from facewright.models.region_blend import Blend, RegionBlend
 from facewright.models.region_model import RegionModel
 from facewright.numeric.check import check_finite, check_indices, check_shape
@@ -30,17 +31,24 @@ class JawFollowers:
         What the rotation is about.
     shares : ndarray of shape (V,), float64
         1 for what is fixed to the jaw, 0 for what is not.
+    skin_ids : ndarray of shape (A,), int
+        Skin (under the jaw, inside the lips) that the points' displacements alone do not explain.
+    skin_lean : ndarray of shape (A, 3, 6), float64
+        What the jaw's rotation and translation add there, mm.
     """
 
     points: NDArray[np.intp]
     matrix: NDArray[np.float64]
     centre: NDArray[np.float64]
     shares: NDArray[np.float64]
+    skin_ids: NDArray[np.intp]
+    skin_lean: NDArray[np.float64]
 
     @classmethod
     def none(cls, n_vertices: int) -> JawFollowers:
         """Return what a character without jaw has."""
-        return cls(np.zeros(0, np.intp), np.zeros((6, 0)), np.zeros(3), np.zeros(n_vertices))
+        ids = np.zeros(0, np.intp)
+        return cls(ids, np.zeros((6, 0)), np.zeros(3), np.zeros(n_vertices), ids, np.zeros((0, 3, 6)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +64,10 @@ class CharacterWeights:
     turns : ndarray of shape (N, 3, 3), float64
         Carry a displacement of the model's face to the character's: local rotation and size.
     jaw : JawFollowers
+    seals : Seals
+        Lips and lids that meet.
+    lids : LidClearance
+        Lids that stay outside the eyeballs.
 
     Raises
     ------
@@ -67,6 +79,8 @@ class CharacterWeights:
     follow: sparse.csr_matrix
     turns: NDArray[np.float64]
     jaw: JawFollowers
+    seals: Seals = field(default_factory=Seals.none)
+    lids: LidClearance = field(default_factory=LidClearance.none)
 
     def __post_init__(self) -> None:
         V, N = self.follow.shape
@@ -103,9 +117,9 @@ class DenseDriver:
             raise ShapeError(f"weights must follow the model's {model.n_vertices} vertices, got {N}.")
         self.weights = weights
         self._blend = RegionBlend(model, blend)
-        follow = weights.follow.tocsr()
-        self._starts, self._columns = follow.indptr.astype(np.int32), follow.indices.astype(np.int32)
-        self._values = follow.data.astype(np.float32)
+        rows = weights.follow.tocsr()
+        self._starts, self._columns = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
+        self._values = rows.data.astype(np.float32)
         self._rest = np.ascontiguousarray(weights.rest, dtype=np.float32)
         self._turns = np.ascontiguousarray(weights.turns, dtype=np.float64)
         self._carried = np.empty((N, 3), dtype=np.float32)
@@ -117,6 +131,24 @@ class DenseDriver:
             np.ascontiguousarray(jaw.centre, dtype=np.float64),
             ids,
             jaw.shares[ids].astype(np.float32),
+            jaw.skin_ids.astype(np.int32),
+            np.ascontiguousarray(jaw.skin_lean, dtype=np.float32),
+        )
+        seals, lids = weights.seals, weights.lids
+        self._seals = (
+            seals.upper.astype(np.int32),
+            seals.lower.astype(np.int32),
+            seals.floors.astype(np.float32),
+            seals.reaches.astype(np.float32),
+            seals.moved.astype(np.int32),
+            np.ascontiguousarray(seals.spread, dtype=np.float32),
+        )
+        self._lids = (
+            lids.ids.astype(np.int32),
+            lids.eye.astype(np.int32),
+            lids.margins.astype(np.float32),
+            lids.centres.astype(np.float32),
+            lids.radii.astype(np.float32),
         )
         self.drive(np.zeros((N, 3)))  # compiles
 
@@ -150,7 +182,8 @@ class DenseDriver:
         values = np.ascontiguousarray(moved, dtype=np.float64)
         if values.shape != self._carried.shape:
             raise ShapeError(f"moved must have shape {self._carried.shape}, got {values.shape}.")
-        drive(
-            values, self._turns, self._carried, self._starts, self._columns, self._values, self._rest, *self._jaw, out
-        )
+        follow(values, self._turns, self._carried, self._starts, self._columns, self._values, self._rest, out)
+        follow_jaw(self._carried, *self._jaw, self._rest, out)
+        seal(*self._seals, out)
+        clear_eyeballs(*self._lids, out)
         return out

@@ -18,6 +18,8 @@ SUPPORT = 14
 
 _FIRM = 1e4  # weight of the points, in the typical diagonal of the bending energy
 _LOOSE = 1e-9  # what nothing reaches stays
+_RESTORED = 1.5  # rows are scaled up by no more to make up for weights left out
+_REACHED = 0.3  # rows that sum to less are hardly reached, and learn less
 _COLUMNS = 64  # points solved for at a time
 _ROWS = 4096  # vertices that learn at a time
 _TRUST_MM = 3.0  # a misfit of this size in a shape is worth changing a whole weight of one
@@ -104,9 +106,9 @@ def smooth_weights(
         columns = np.broadcast_to(np.arange(start, start + block.shape[1]), block.shape)
         best, which = _largest(np.hstack([best, block]), np.hstack([which, columns]), support + 1)
     total = solver.solve(firm * np.asarray(C.sum(axis=0)).ravel()[:, None])[:, 0]
-    kept = _faded(best, order) * 1.0
+    kept = _faded(best, order)
     sums = kept.sum(axis=1)
-    kept *= (np.clip(total, 0.0, 1.0) / np.where(sums > 1e-6, sums, 1.0))[:, None]
+    kept *= np.clip(np.clip(total, 0.0, 1.0) / np.maximum(sums, 1e-6), 0.0, _RESTORED)[:, None]
     rows = np.repeat(used, order)
     W = sparse.csr_matrix((kept.ravel(), (rows, which[:, :order].ravel())), shape=(V, N))
     W.eliminate_zeros()
@@ -151,7 +153,7 @@ def learned_weights(
         Y = np.asarray(dense[:, rows], dtype=np.float64).transpose(1, 0, 2).reshape(-1, 1, 3 * B)
         missing = Y - prior[rows, None] @ X
         size = np.abs(prior[rows]) * inside[rows]
-        freedom = np.sqrt(size / np.maximum(size.sum(axis=1, keepdims=True), 1e-9)) / _TRUST_MM
+        freedom = np.sqrt(size / np.maximum(size.sum(axis=1, keepdims=True), _REACHED)) / _TRUST_MM
         X *= freedom[..., None]
         gram = X @ X.transpose(0, 2, 1) + np.eye(k)
         change = np.linalg.solve(gram, X @ missing.transpose(0, 2, 1))[..., 0]
