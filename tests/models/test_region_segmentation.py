@@ -8,6 +8,7 @@ from facewright.models.region_segmentation import (
     lonely_vertices,
     normalised_eigenvectors,
     segment_regions,
+    settle_lonely,
 )
 
 
@@ -73,6 +74,29 @@ def test_a_vertex_between_others_is_lonely():
     assert lonely_vertices(labels, faces).tolist() == []
 
 
+def test_ragged_vertices_join_their_neighbours():
+    _, faces = grid(8, 8)
+    labels = (np.arange(64) % 8 >= 4).astype(int)
+    labels[3 * 8 + 6] = 0  # one vertex of the left cluster far in the right one
+    assert lonely_vertices(labels, faces).tolist() == [30]
+    settled, loose = settle_lonely(labels, faces, 0.2)
+    assert settled[30] == 1 and not len(loose)
+    assert (np.delete(settled, 30) == np.delete(labels, 30)).all()
+    settled, loose = settle_lonely(labels, faces, 0.0)  # the letter
+    np.testing.assert_array_equal(settled, labels)
+    assert loose.tolist() == [0]
+
+
+def test_a_row_of_single_vertices_is_loose():
+    _, faces = grid(9, 9)
+    labels = np.zeros(81, dtype=int)
+    labels[[4, 13, 22, 31, 40]] = 1  # one column: no triangles
+    labels[63:] = 2
+    settled, loose = settle_lonely(labels, faces, 0.2)
+    assert loose.tolist() == [1]
+    assert (settled[[4, 13, 22, 31, 40]] == 1).all()
+
+
 def test_pieces_count_islands():
     _, faces = grid(5, 2)
     assert cluster_pieces(np.array([0, 0, 1, 0, 0] * 2), faces).tolist() == [2, 1]
@@ -95,6 +119,7 @@ def test_refusals(rng):
         ({"n_regions": 0}, "n_regions"),
         ({"restarts": 0}, "restarts"),
         ({"max_regions": 1}, "max_regions"),
+        ({"ragged_share": 1.0}, "ragged_share"),
     ):
         with pytest.raises(FacewrightError, match=words):
             segment_regions(A, vertices, faces, rng, **options)

@@ -25,8 +25,8 @@ from facewright.models.region_boundaries import share_boundaries
 from facewright.models.region_files import write_regions
 from facewright.models.region_segmentation import (
     MAX_REGIONS,
+    RAGGED_SHARE,
     RESTARTS,
-    Clustering,
     Segmentation,
     cluster_pieces,
     segment_regions,
@@ -63,6 +63,8 @@ class SegmentOptions:
     n_regions : int, optional
         Exactly so many; else as many as stay compact.
     max_regions : int
+    ragged_share : float
+        Share of a region's vertices at ragged borders that join neighbours; 0 takes the paper by the letter.
     seed : int
         Of k-means.
     """
@@ -74,6 +76,7 @@ class SegmentOptions:
     restarts: int = RESTARTS
     n_regions: int | None = None
     max_regions: int = MAX_REGIONS
+    ragged_share: float = RAGGED_SHARE
     seed: int = 0
 
 
@@ -193,6 +196,7 @@ def segment_performers(
         n_regions=options.n_regions,
         restarts=options.restarts,
         max_regions=options.max_regions,
+        ragged_share=options.ragged_share,
         progress=progress,
     )
     labels = found.chosen.labels
@@ -228,16 +232,10 @@ def _remarks(moves: NDArray[np.float32], found: Segmentation, options: SegmentOp
     if still:
         remarks.append(f"{still} of {moves.shape[1]} vertices never move: their correlation counts as none.")
     if found.refused is None and options.n_regions is None:
-        remarks.append(
-            f"up to {options.max_regions} regions all are compact: --max-regions ended the search."
-        )
+        remarks.append(f"up to {options.max_regions} regions all are compact: --max-regions ended the search.")
     if not found.chosen.compact:
-        remarks.append(_not_compact(found.chosen))
+        remarks.append(
+            f"{len(found.chosen.loose)} of {found.chosen.n_clusters} regions are not compact: many of their vertices "
+            "lie in no triangle of theirs."
+        )
     return remarks
-
-
-def _not_compact(clustering: Clustering) -> str:
-    return (
-        f"{clustering.n_clusters} regions are not compact: {len(clustering.lonely)} vertices lie in no triangle of "
-        "their region."
-    )

@@ -34,6 +34,14 @@ def segment(
         int | None, typer.Option("--regions", help="Exactly so many; by default as many as stay compact.")
     ] = None,
     max_regions: Annotated[int, typer.Option("--max-regions", help="Look no further.")] = 40,
+    ragged: Annotated[
+        float,
+        typer.Option(
+            "--ragged",
+            help="Share of a region's vertices that may lie in none of its triangles and join a neighbour; 0 is the "
+            "paper's letter.",
+        ),
+    ] = 0.2,
     seed: Annotated[int, typer.Option("--seed", help="Of k-means.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -57,6 +65,7 @@ def segment(
         restarts=restarts,
         n_regions=n_regions,
         max_regions=max_regions,
+        ragged_share=ragged,
         seed=seed,
     )
     with progress_bar(as_json) as progress:
@@ -86,8 +95,6 @@ def _show(result: SegmentResult) -> None:
         f"{regions.n_vertices} vertices are shared; symmetry {result.symmetry:.2f} (1 is perfect)."
     )
     if refused is not None:
-        say(
-            f"{refused.n_clusters} would not be compact: {len(refused.lonely)} vertices in no triangle of theirs."
-        )
+        say(f"{refused.n_clusters} would not be compact: {len(refused.lonely)} vertices in no triangle of theirs.")
     for path in result.paths:
         say(f"Wrote {path}")

@@ -18,6 +18,9 @@ Progress = Callable[[str, int, int], None]
 
 RESTARTS = 20
 MAX_REGIONS = 40
+#: Share of a cluster's vertices that may lie in no triangle of it, as ragged borders leave them; they join neighbours.
+RAGGED_SHARE = 0.2
+_ROUNDS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,13 +33,16 @@ class Clustering:
         Cluster of each vertex, from 0; clusters are numbered from the top of the mesh to its bottom.
     scatter : float
         Sum of squared distances of the embedded vertices from their cluster's centre.
-    lonely : ndarray of shape (L,), int32
-        Vertices that no triangle joins to two others of their cluster; the clustering is compact if there are none.
+    moved : ndarray of shape (L,), int32
+        Vertices in no triangle of their cluster that joined a neighbouring one.
+    loose : ndarray of shape (K,), int32
+        Clusters of which more vertices than tolerated lie in no triangle; the clustering is compact if there are none.
     """
 
     labels: NDArray[np.int32]
     scatter: float
-    lonely: NDArray[np.int32]
+    moved: NDArray[np.int32]
+    loose: NDArray[np.int32]
 
     @property
     def n_clusters(self) -> int:
@@ -45,8 +51,8 @@ class Clustering:
 
     @property
     def compact(self) -> bool:
-        """Whether every vertex lies in a triangle of its cluster."""
-        return len(self.lonely) == 0
+        """Whether every cluster is compact."""
+        return len(self.loose) == 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +80,14 @@ def segment_regions(
     n_regions: int | None = None,
     restarts: int = RESTARTS,
     max_regions: int = MAX_REGIONS,
+    ragged_share: float = RAGGED_SHARE,
     progress: Progress | None = None,
 ) -> Segmentation:
     """Raise k from 2 until a cluster is not compact, and keep k - 1 clusters.
+
+    "A cluster is defined as non-compact if some of its vertices do not form triangles on the template mesh." Taken by
+    the letter, one vertex at a ragged border ends the search; here such vertices join a neighbouring cluster, unless
+    they are more than `ragged_share` of theirs. With a share of zero the letter holds.
 
     Parameters
     ----------
@@ -94,6 +105,8 @@ def segment_regions(
         Runs of k-means for each k, of which the one of least scatter counts.
     max_regions : int
         Where to stop at the latest.
+    ragged_share : float in [0, 1)
+        Share of a cluster's vertices that may be without a triangle of it.
     progress : callable, optional
         Called with stage, done, total.
 
@@ -112,20 +125,22 @@ def segment_regions(
         raise ValueRangeError(f"n_regions must lie between 1 and the number of vertices, {N}, got {n_regions}.")
     if restarts < 1 or largest < 1:
         raise ValueRangeError(f"restarts and max_regions must be at least 1, got {restarts} and {max_regions}.")
+    if not 0.0 <= ragged_share < 1.0:
+        raise ValueRangeError(f"ragged_share must lie in [0, 1), got {ragged_share}.")
     largest = min(largest, N)
     eigenvectors = normalised_eigenvectors(affinity, largest)
     if n_regions is not None:
-        return Segmentation(_cluster(eigenvectors, n_regions, vertices, faces, rng, restarts), None)
+        return Segmentation(_cluster(eigenvectors[:, :n_regions], vertices, faces, rng, restarts, ragged_share), None)
     chosen: Clustering | None = None
     for k in range(2, largest + 1):
         if progress is not None:
             progress("clustering", k, largest)
-        clustering = _cluster(eigenvectors, k, vertices, faces, rng, restarts)
+        clustering = _cluster(eigenvectors[:, :k], vertices, faces, rng, restarts, ragged_share)
         if not clustering.compact:
             if chosen is None:
                 raise DegenerateError(
-                    f"two clusters are already not compact ({len(clustering.lonely)} vertices have no triangle in "
-                    "their cluster): give more frames, a lower threshold, or the number of regions."
+                    "two clusters are already not compact, some of their vertices have no triangle in them: give more "
+                    "frames, a lower threshold, or the number of regions."
                 )
             return Segmentation(chosen, clustering)
         chosen = clustering
@@ -188,22 +203,72 @@ def cluster_pieces(labels: NDArray[np.integer[Any]], faces: NDArray[np.integer[A
     return np.array([len(np.unique(piece[labels == cluster])) for cluster in range(k)], dtype=np.int32)
 
 
+def settle_lonely(
+    labels: NDArray[np.integer[Any]], faces: NDArray[np.integer[Any]], ragged_share: float
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Let lonely vertices join a neighbouring cluster (one at a corner of the mesh may find no triangle in any).
+
+    Parameters
+    ----------
+    labels : ndarray of shape (N,), int
+        Clusters 0 to k - 1.
+    faces : ndarray of shape (F, 3), int
+    ragged_share : float in [0, 1)
+        Clusters that would lose more of their vertices keep them, and are loose.
+
+    Returns
+    -------
+    labels : ndarray of shape (N,), int32
+    loose : ndarray of shape (K,), int32
+        Clusters that are not compact.
+    """
+    given = np.asarray(labels, dtype=np.int32)
+    sizes = np.bincount(given)
+    settled = given.copy()
+    keeps = np.zeros(len(sizes), dtype=bool)
+    for _ in range(_ROUNDS):
+        lonely = lonely_vertices(settled, faces)
+        lost = np.bincount(given[np.union1d(lonely, np.flatnonzero(settled != given))], minlength=len(sizes))
+        newly = (lost > ragged_share * sizes) & ~keeps
+        if newly.any():  # begin again, without touching those
+            keeps |= newly
+            settled = given.copy()
+            continue
+        lonely = lonely[~keeps[settled[lonely]]]
+        if not len(lonely):
+            break
+        for vertex in lonely:
+            settled[vertex] = _neighbouring_cluster(int(vertex), settled, faces)
+    return settled, np.flatnonzero(keeps).astype(np.int32)
+
+
+def _neighbouring_cluster(vertex: int, labels: NDArray[np.int32], faces: NDArray[np.integer[Any]]) -> int:
+    """Return the cluster that most of a vertex's triangles would lie in with it; else that of most neighbours."""
+    around = np.asarray(faces)[(np.asarray(faces) == vertex).any(axis=1)]
+    others = labels[around[around != vertex].reshape(-1, 2)]
+    whole = others[others[:, 0] == others[:, 1], 0]
+    return int(np.bincount(whole if len(whole) else others.ravel()).argmax()) if len(others) else int(labels[vertex])
+
+
 def _cluster(
     eigenvectors: NDArray[np.float64],
-    k: int,
     vertices: NDArray[np.floating[Any]],
     faces: NDArray[np.integer[Any]],
     rng: np.random.Generator,
     restarts: int,
+    ragged_share: float,
 ) -> Clustering:
-    """Run k-means on the rows of the first k eigenvectors, each row scaled to unit length (steps 4 to 6)."""
+    """Run k-means on the rows of k eigenvectors (N, k), each row scaled to unit length (steps 4 to 6)."""
     from sklearn.cluster import KMeans
+    from threadpoolctl import threadpool_limits
 
-    rows = eigenvectors[:, :k]
-    rows = rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-300)
-    means = KMeans(k, n_init=restarts, init="k-means++", random_state=int(rng.integers(2**31))).fit(rows)
-    labels = _from_top(means.labels_, vertices)
-    return Clustering(labels, float(means.inertia_), lonely_vertices(labels, faces))
+    rows = eigenvectors / np.maximum(np.linalg.norm(eigenvectors, axis=1, keepdims=True), 1e-300)
+    seed = int(rng.integers(2**31))
+    with threadpool_limits(1):  # hundreds of points: threads only wait for each other
+        means = KMeans(rows.shape[1], n_init=restarts, init="k-means++", random_state=seed).fit(rows)
+    found = _from_top(means.labels_, vertices)
+    labels, loose = settle_lonely(found, faces, ragged_share)
+    return Clustering(labels, float(means.inertia_), np.flatnonzero(labels != found).astype(np.int32), loose)
 
 
 def _from_top(labels: NDArray[np.integer[Any]], vertices: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
