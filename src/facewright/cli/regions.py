@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from facewright.cli import regions_train
 from facewright.cli.console import JsonOption, finish, progress_bar, say, say_aside
 
 if TYPE_CHECKING:
     from facewright.apps.segment_regions import SegmentResult
 
 app = typer.Typer(help="Divide a face into regions that move together, and learn a model of each.")
+app.command("train")(regions_train.train)
 
 
 @app.command("segment")
@@ -42,6 +44,7 @@ def segment(
             "paper's letter.",
         ),
     ] = 0.2,
+    symmetric: Annotated[bool, typer.Option("--symmetric", help="Treat left and right alike.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Of k-means.")] = 0,
     as_json: JsonOption = False,
 ) -> None:
@@ -66,6 +69,7 @@ def segment(
         n_regions=n_regions,
         max_regions=max_regions,
         ragged_share=ragged,
+        symmetric=symmetric,
         seed=seed,
     )
     with progress_bar(as_json) as progress:
