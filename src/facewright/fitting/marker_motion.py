@@ -75,11 +75,11 @@ class MarkerMotion:
 class MarkerRegistration:
     r"""Registers all clips of a performer; everything that does not depend on the frame is computed once.
 
-    Displacements d of the surface are Gaussian: :math:`d = \sum_b e_b \delta_b + u + r`, with the template's blendshapes
-    at weights e ~ N(0, shape^2), a smooth field u on the surface (`MarkerTemplate`), and a small rest r of rigid motion.
+    Displacements d of the surface are Gaussian: :math:`d = \sum_b e_b \delta_b + u + r`, the template's blendshapes
+    at weights e ~ N(0, shape^2), a smooth field u on the surface (`MarkerTemplate`), and a small rigid motion r.
     Markers see them at their places, with noise. The likeliest displacement of any vertex is then linear in those of
-    the markers, ``d = C_vm (C_mm + noise^2 I)^-1 y``: one matrix for all frames. Where no marker is near, lips and lids
-    follow the shapes that explain the others.
+    the markers, ``d = C_vm (C_mm + noise^2 I)^-1 y``: one matrix for all frames. Where no marker is near, lips and
+    lids follow the shapes that explain the others.
 
     Parameters
     ----------
