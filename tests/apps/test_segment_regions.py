@@ -51,6 +51,37 @@ def test_people_of_different_size_are_taken_from_their_neutrals(rng):
         np.testing.assert_array_equal(a, b)
 
 
+def test_symmetric_regions_of_a_face_that_acts_on_one_side(rng):
+    data = performer(rng)
+    mirror = (np.arange(108).reshape(9, 12)[:, ::-1]).ravel().astype(np.int32)
+    moves = data.clips[0].vertices.copy()
+    moves[:, data.neutral[:, 0] > 0] = data.neutral[data.neutral[:, 0] > 0] + rng.normal(size=(240, 1, 3))  # as one
+    clip = PerformerClip("moving", data.clips[0].times, moves, data.clips[0].rotations, data.clips[0].translations)
+    lopsided = PerformerData(
+        "M1", data.faces, data.neutral, data.reference, (clip,), "patch", data.vertex_ids, mirror=mirror
+    )
+    as_it_is = segment_performers([lopsided], (), SegmentOptions(n_regions=6))
+    symmetric = segment_performers([lopsided], (), SegmentOptions(n_regions=6, symmetric=True))
+    assert symmetric.symmetry > max(0.9, as_it_is.symmetry)
+    with pytest.raises(FacewrightError, match="mirror each other"):
+        segment_performers(
+            [
+                PerformerData(
+                    "M1",
+                    data.faces,
+                    data.neutral,
+                    data.reference,
+                    (clip,),
+                    "patch",
+                    data.vertex_ids,
+                    mirror=np.zeros(108, np.int32),
+                )
+            ],
+            (),
+            SegmentOptions(symmetric=True),
+        )
+
+
 def test_refusals(rng):
     data = performer(rng)
     with pytest.raises(FacewrightError, match="frames that are all alike"):

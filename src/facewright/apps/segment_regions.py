@@ -65,6 +65,8 @@ class SegmentOptions:
     max_regions : int
     ragged_share : float
         Share of a region's vertices at ragged borders that join neighbours; 0 takes the paper by the letter.
+    symmetric : bool
+        Whether left and right are treated alike: the affinity is averaged with its mirror image. The paper does not.
     seed : int
         Of k-means.
     """
@@ -77,6 +79,7 @@ class SegmentOptions:
     n_regions: int | None = None
     max_regions: int = MAX_REGIONS
     ragged_share: float = RAGGED_SHARE
+    symmetric: bool = False
     seed: int = 0
 
 
@@ -188,6 +191,9 @@ def segment_performers(
     affinity = region_affinity(
         correlation, near, share=options.correlation_share, threshold=options.threshold
     )  # Eq. (12)
+    mirror = first.mirror if first.mirror is not None else nearest_mirror(first.reference)
+    if options.symmetric:
+        affinity = _both_sides(affinity, mirror)
     found = segment_regions(
         affinity,
         first.reference,
@@ -200,7 +206,6 @@ def segment_performers(
         progress=progress,
     )
     labels = found.chosen.labels
-    mirror = first.mirror if first.mirror is not None else nearest_mirror(first.reference)
     return SegmentResult(
         share_boundaries(labels, first.faces),
         found,
@@ -210,6 +215,12 @@ def segment_performers(
         tuple(_remarks(moves, found, options)),
         (),
     )
+
+
+def _both_sides(affinity: NDArray[np.float64], mirror: NDArray[np.int32]) -> NDArray[np.float64]:
+    if not np.array_equal(mirror[mirror], np.arange(len(mirror))):
+        raise ValueRangeError("symmetric regions need a mesh whose vertices mirror each other, got one without.")
+    return 0.5 * (affinity + affinity[np.ix_(mirror, mirror)])
 
 
 def _thinned(performer: PerformerData, clips: Sequence[str], rate: float) -> NDArray[np.float32]:
