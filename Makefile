@@ -20,7 +20,7 @@ ifneq ($(wildcard ../shared/data/README.md),)
 export FACEWRIGHT_TEST_DATA ?= $(abspath ../shared/data)
 endif
 
-.PHONY: help setup demo test test-all test-numpy2 check format bench docs clean
+.PHONY: help setup demo browser test test-all test-numpy2 check format bench docs clean
 
 help: ## Show this list
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1	\2/p' $(firstword $(MAKEFILE_LIST)) | expand -t 24
@@ -45,6 +45,9 @@ $(VENV_NUMPY2)/.installed: pyproject.toml constraints/numpy2.txt tools/ensure_sy
 
 demo: setup ## Run the tour and leave demo/index.html
 	@$(VENV)/bin/facewright demo --out demo
+
+browser: setup ## Find or install a Chromium for the tests of the pages
+	@sh tools/ensure_browser.sh $(PY)
 
 test: setup ## Run the default tests
 	@$(PY) -m pytest -m "not slow" $(PYTEST_ARGS)
