@@ -33,3 +33,15 @@ def test_people_go_straight_into_a_database(invoke, refused, tmp_path):
     assert (said[0]["added"], said[0]["present"]) == (names, [])
     assert (said[1]["added"], said[1]["present"]) == ([], names)
     assert "--people must be" in refused("simulate", "people", tmp_path / "faces.zarr", "--people", 0)
+
+
+def test_a_motion_capture_session_is_written(invoke, refused, tmp_path):
+    words = ("simulate", "performance", tmp_path / "s", "--performers", "F2", "--clips", "neutral", "--format", "csv")
+    said = json.loads(invoke(*words, "--json").stdout)
+    assert said["clips"] == 1 and list(said["performers"]) == ["F2"] and said["frames"] == 60
+    assert (tmp_path / "s" / "F2" / "neutral.csv").is_file()
+    assert "not overwritten" in refused(*words)
+    spoken = invoke(*words[:2], tmp_path / "t", *words[3:])
+    assert "Wrote 1 clip of 1 performer, 60 frames (" in spoken.stdout and "facewright mocap import" in spoken.stdout
+    assert "M9" in refused("simulate", "performance", tmp_path / "u", "--performers", "M9")
+    assert "xml" in refused("simulate", "performance", tmp_path / "u", "--format", "xml")
