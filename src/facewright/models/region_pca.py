@@ -77,7 +77,7 @@ def fit_region_pca(
             variances, directions = _principal(second)
             P = _count(variances, n_components, fraction)
             means.append(mean.reshape(-1, 3))
-            bases.append(directions[:P].reshape(P, -1, 3))
+            bases.append(directions[:P].reshape(P, len(ids), 3))
             deviations.append(np.sqrt(variances[:P]))
     return RegionModel(
         faces=np.asarray(faces, dtype=np.int32),
