@@ -45,7 +45,7 @@ def test_name_tells_the_face_apart(builtin_face, ict_face):
     from dataclasses import replace
 
     moved = replace(builtin_face, mean_shape=builtin_face.mean_shape + np.float32(0.01))
-    hashes = {module._face_hash(face) for face in (builtin_face, moved, ict_face)}
+    hashes = {module.face_hash(face) for face in (builtin_face, moved, ict_face)}
     assert len(hashes) == 3
 
 

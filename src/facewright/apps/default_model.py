@@ -30,7 +30,7 @@ def default_model_path(face: str = "builtin") -> Path:
     from facewright.faces.store import facewright_home
 
     loaded = load_face(face)
-    return facewright_home() / "models" / f"{loaded.name}-{__version__}-{_RECIPE}-{_face_hash(loaded)}.fwbm"
+    return facewright_home() / "models" / f"{loaded.name}-{__version__}-{_RECIPE}-{face_hash(loaded)}.fwbm"
 
 
 def default_model(progress: Progress | None = None, *, face: str = "builtin") -> BilinearModel:
@@ -107,7 +107,7 @@ def _build(path: Path, face: str, progress: Progress | None) -> None:
     build_model(request, progress)
 
 
-def _face_hash(face: Face) -> str:
+def face_hash(face: Face) -> str:
     """Return 12 hex digits that change with the geometry and the modes of a face."""
     digest = hashlib.sha256(face.topology.fingerprint.encode())
     for array in (face.mean_shape, face.identity_basis, face.blendshape_deltas):

@@ -22,6 +22,7 @@ from facewright.cli import (
     fit_scan,
     info,
     model,
+    pose,
     regions,
     retarget,
     simulate,
@@ -72,6 +73,7 @@ app.command("retarget")(retarget.retarget)
 app.command("animate")(animate.animate)
 app.command("export")(export.export)
 app.add_typer(regions.app, name="regions")
+app.command("pose")(pose.pose)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(capture.app, name="capture")
 app.add_typer(warehouse.app, name="warehouse")
