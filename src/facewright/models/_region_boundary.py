@@ -35,4 +35,4 @@ def boundary_form(model: RegionModel, layout: RegionLayout) -> tuple[NDArray[np.
 
 def _rows(layout: RegionLayout, region: int, local: NDArray[np.intp]) -> NDArray[np.float64]:
     matrix = layout.matrix(region)
-    return matrix.reshape(-1, 3, matrix.shape[1])[local].reshape(3 * len(local), -1)
+    return matrix.reshape(len(matrix) // 3, 3, matrix.shape[1])[local].reshape(3 * len(local), matrix.shape[1])

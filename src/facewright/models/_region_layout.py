@@ -42,7 +42,10 @@ class RegionLayout:
     def of(cls, model: RegionModel) -> RegionLayout:
         """Lay out a model."""
         members = model.regions.members
-        matrices = [np.ascontiguousarray(basis.reshape(len(basis), -1).T, dtype=np.float64) for basis in model.bases]
+        matrices = [
+            np.ascontiguousarray(basis.reshape(len(basis), 3 * len(ids)).T, dtype=np.float64)
+            for basis, ids in zip(model.bases, members, strict=True)
+        ]
         return cls(
             starts=_starts([len(ids) for ids in members]),
             vertices=np.concatenate(members).astype(np.int32),
@@ -61,7 +64,8 @@ class RegionLayout:
     def matrix(self, region: int) -> NDArray[np.float64]:
         """Return B^i as (3 N_i, P_i), a view."""
         part = self.basis[self.basis_starts[region] : self.basis_starts[region + 1]]
-        return part.reshape(3 * int(self.starts[region + 1] - self.starts[region]), -1)
+        rows, columns = np.diff(self.starts)[region], np.diff(self.offsets)[region]
+        return part.reshape(3 * int(rows), int(columns))
 
     def coefficients(self, region: int) -> slice:
         """Return where the region's coefficients lie in zeta."""

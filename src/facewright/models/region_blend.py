@@ -128,7 +128,7 @@ def blended_sequence(model: RegionModel, zeta: NDArray[np.floating], method: Ble
     check_shape("zeta", zeta, "T", model.n_coefficients)
     mean, basis = RegionBlend(model, method).linear_map()
     moved = np.asarray(zeta, dtype=np.float64) @ basis.reshape(len(basis), mean.size)
-    return moved.reshape(-1, *mean.shape) + (model.neutral + mean)
+    return moved.reshape(len(moved), *mean.shape) + (model.neutral + mean)
 
 
 def _spread(model: RegionModel, region: int) -> NDArray[np.float64]:

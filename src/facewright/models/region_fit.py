@@ -123,7 +123,7 @@ class RegionFitter:
             seen = present[ids]
             B = layout.matrix(i)[np.repeat(seen, 3)]
             wanted = data[:, column[ids[seen]]].astype(np.float64) - self.model.means[i][seen]
-            c[:, layout.coefficients(i)] += wanted.reshape(T, -1) @ B
+            c[:, layout.coefficients(i)] += wanted.reshape(T, 3 * int(seen.sum())) @ B
         H, factor = system
         if self._bounded:
             return solve_bounded_quadratic(H, c, self._lower, self._upper)

@@ -180,7 +180,7 @@ def linear_region_model(
         means=tuple(np.zeros((len(ids), 3)) for ids in regions.members),
         bases=tuple(bases),
         deviations=tuple(np.full(len(part), deviation) for part in bases),
-        units=tuple(np.linalg.norm(part.reshape(len(part), -1), axis=1) for part in bases),
+        units=tuple(np.linalg.norm(part, axis=(1, 2)) for part in bases),
         lower=tuple(np.full(len(part), float(bounds[0])) for part in bases),
         upper=tuple(np.full(len(part), float(bounds[1])) for part in bases),
         coefficient_names=tuple(

@@ -194,7 +194,9 @@ class RegionPoser:
         region = np.searchsorted(layout.starts, copies, side="right") - 1
         for i in np.unique(region):
             here = region == i
-            matrix = layout.matrix(i).reshape(-1, 3, layout.offsets[i + 1] - layout.offsets[i])
+            matrix = layout.matrix(i).reshape(
+                len(model.regions.members[i]), 3, layout.offsets[i + 1] - layout.offsets[i]
+            )
             rows[here, :, layout.coefficients(i)] = matrix[copies[here] - layout.starts[i]]
         origin = model.neutral[layout.vertices[copies]] + layout.means[copies]
         return _Constraints(
