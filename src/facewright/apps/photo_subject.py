@@ -161,8 +161,10 @@ class PhotoSubject:
     def synthesiser(self) -> PhotoSynthesiser:
         """What redraws the photo, with its inner mouth and eyes."""
         from facewright.imaging.synthesis import PhotoSynthesiser
+        from facewright.landmarks.person_mask import person_finder
 
-        return PhotoSynthesiser(self.photo, self.source, self.face, inner=self._inner_face())
+        inner, finder = self._inner_face(), person_finder()
+        return PhotoSynthesiser(self.photo, self.source, self.face, inner=inner, find_person=finder)
 
     def _inner_face(self) -> Any:
         try:

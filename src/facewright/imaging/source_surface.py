@@ -53,6 +53,10 @@ class SourceSurface:
         Entry (j, i) of `outline` belongs to the pixel `outline_origin + (i, j) / outline_scale`.
     head_size : float
         Longer side of the head's box, without the neck, pixels.
+    front : ndarray of shape (V,), bool
+        Vertices of the face's own skin.
+    seen : ndarray of shape (V,), float64
+        How well the photo shows each vertex of the head's skin, 0 to 1, without steps.
     chin_vertex : int
         The lowest of the chin.
     chin, down : ndarray of shape (2,)
@@ -67,6 +71,8 @@ class SourceSurface:
     outline_origin: NDArray[np.float64]
     outline_scale: float
     head_size: float
+    front: NDArray[np.bool_]
+    seen: NDArray[np.float64]
     chin_vertex: int
     chin: NDArray[np.float64]
     down: NDArray[np.float64]
@@ -91,7 +97,7 @@ class SourceSurface:
         shape = (rows, columns)
         at = (view.pixels - lo) * scale
         seen = rasterise(at, view.depth, faces, shape, perspective=view.perspective)
-        cosine = _facing(view, faces)
+        cosine = facing(view, faces)
         trust = _trust(view, face, cosine, seen, at)
         front = np.zeros(len(trust), bool)
         front[masks["face_region"]] = True
@@ -120,6 +126,8 @@ class SourceSurface:
             outline_origin=lo,
             outline_scale=scale,
             head_size=float(max(hi - lo)),
+            front=front,
+            seen=_rising(trust * _of_head(faces[kinds == HEAD], len(trust)), mean, faces[kinds != INNER]),
             chin_vertex=int(lowest),
             chin=view.pixels[lowest],
             down=down / max(float(np.linalg.norm(down)), 1e-9),
@@ -140,7 +148,7 @@ def triangle_kinds(face: Face) -> NDArray[np.uint8]:
     return kinds
 
 
-def _facing(view: MeshView, faces: NDArray[np.int32]) -> NDArray[np.float64]:
+def facing(view: MeshView, faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Return the cosine between each vertex's normal and the line of sight, (V,)."""
     normals = vertex_normals(view.camera_vertices, faces)
     towards = -view.camera_vertices / np.linalg.norm(view.camera_vertices, axis=1, keepdims=True)
@@ -174,6 +182,13 @@ def _bare(mean: NDArray[np.floating], masks: Mapping[str, NDArray[np.int32]]) ->
     top = mean[masks["forehead"], 1].max()
     t = np.clip((mean[:, 1] - eyes) / max(float(top - eyes), 1e-6), 0, 1)
     return np.asarray(1 - (1 - _SKULL_OUTLINE) * np.minimum(2 * t, 1), dtype=np.float64)
+
+
+def _of_head(faces: NDArray[np.int32], n_vertices: int) -> NDArray[np.bool_]:
+    """Return the vertices of triangles, (V,) bool."""
+    result = np.zeros(n_vertices, np.bool_)
+    result[faces] = True
+    return result
 
 
 def _near(region: NDArray[np.bool_], faces: NDArray[np.int32], rings: int) -> NDArray[np.bool_]:

@@ -13,7 +13,10 @@ from facewright.errors import ValueRangeError
 from facewright.faces.face import Face
 from facewright.imaging._warp_kernels import soften_breaks
 from facewright.imaging.displacement_field import HeadField, HeadMap
+from facewright.imaging.head_matte import PersonFinder
 from facewright.imaging.mesh_view import MeshView
+from facewright.imaging.mirrored_skin import MirroredSkin
+from facewright.imaging.photo_layers import PhotoLayers
 from facewright.imaging.resample import resample_displaced
 from facewright.imaging.source_surface import SourceSurface
 from facewright.numeric.check import check_shape
@@ -97,6 +100,9 @@ class PhotoSynthesiser:
         Defaults where absent.
     inner : InnerFace, optional
         Draws what the photo did not show of mouth and eyes.
+    find_person : callable, optional
+        Tells persons from what lies behind them (`facewright.landmarks.person_mask`); where absent the head's outline
+        and colours must tell, and where they cannot what lies behind follows the head.
 
     Raises
     ------
@@ -111,6 +117,7 @@ class PhotoSynthesiser:
         face: Face,
         options: SynthesisOptions | None = None,
         inner: InnerFace | None = None,
+        find_person: PersonFinder | None = None,
     ) -> None:
         check_shape("photo", photo, "H", "W", 3)
         self.photo, self.source, self.face = photo, source, face
@@ -119,6 +126,8 @@ class PhotoSynthesiser:
         self._looked_up = photo.astype(np.float32) if photo[..., 0].size <= _KEPT else photo
         self.surface = SourceSurface.of(source, face)
         shares = {"hair": self.options.hair, "reach": self.options.reach, "neck": self.options.neck}
+        self.mirrored = MirroredSkin.of(photo, self.surface, face)
+        self.layers = PhotoLayers.of(photo, self.surface, find_person)
         self.field = HeadField(self.surface, (photo.shape[0], photo.shape[1]), **shares)
 
     def draw(self, target: MeshView, gaze: NDArray[np.floating] | None = None) -> Synthesis:
@@ -135,9 +144,15 @@ class PhotoSynthesiser:
         found = self.field.map_of(target)
         if found is not None:
             (x, y), (h, w) = found.origin, found.displacement.shape[:2]
-            part, moved = resample_displaced(self._looked_up, found.displacement, (x, y))
+            shares = None
+            if self.layers is None:
+                part, moved = resample_displaced(self._looked_up, found.displacement, (x, y))
+            else:
+                part, moved, shares = self.layers.resample(self._looked_up, found.displacement, (x, y))
             offset = (found.fragments_origin[0] - x, found.fragments_origin[1] - y)
             soften_breaks(part, moved, found.displacement, found.breaks, offset, np.float32(_JUMP))
+            if self.mirrored is not None:
+                self.mirrored.paint(part, moved, self._looked_up, target, found.fragments, offset, shares)
             image[y : y + h, x : x + w], touched[y : y + h, x : x + w] = part, moved
         if self.inner is not None and (found is not None or gaze is not None):
             self.inner.paint(image, target, gaze, touched)
