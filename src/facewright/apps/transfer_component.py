@@ -26,8 +26,9 @@ Progress = Callable[[str, int, int], None]
 
 _STAGES = 6
 _LEAST_SEEN = 0.5  # of the component, that the reference must show
-# What sharing an identity may cost, as the sum of squared distances of all landmarks by the inter-ocular distance: of
-# pairs of one simulated person 19 in 20 stay below, of pairs of two 7 in 8 lie above.
+# What sharing an identity may cost where there are only 74 points to go by, as the sum of squared distances of all of
+# them by the inter-ocular distance: of pairs of one simulated person 19 in 20 stay below, of pairs of two 7 in 8 lie
+# above, by true landmarks with noise.
 _TWO_PEOPLE = 0.009
 _OTHER_SIDE_DEGREES = 15.0  # a nose seen from so far aside shows other nostrils and other wings
 _PLURAL = ("eyes", "brows")
@@ -184,10 +185,15 @@ def unify_subjects(
     remarks : tuple of str
         What a user should know.
     """
+    from facewright.apps.same_person import compare_people
     from facewright.fitting.image import PhotoFitOptions
     from facewright.fitting.joint import fit_jointly
 
     pair = (target, reference)
+    remark = "The photos seem to show two people: each keeps its own identity; the result may look like neither."
+    comparison = compare_people(target, reference, focal_lengths)
+    if comparison is not None and comparison.two_people:
+        return target, reference, (remark,)
     fits = fit_jointly(
         target.fit.model,
         [subject.landmarks for subject in pair],
@@ -196,8 +202,7 @@ def unify_subjects(
     )
     # what the landmarks lose by sharing an identity
     loss = sum(_squared_residual(fit) - _squared_residual(subject.fit) for fit, subject in zip(fits, pair, strict=True))
-    if loss > _TWO_PEOPLE:
-        remark = "The photos seem to show two people: each keeps its own identity; the result may look like neither."
+    if comparison is None and loss > _TWO_PEOPLE:
         return target, reference, (remark,)
     first, second = (_refitted(subject, fit) for fit, subject in zip(fits, pair, strict=True))
     return first, second, ()
