@@ -43,7 +43,7 @@ def performance_region(face: Face) -> NDArray[np.bool_]:
     return _main_piece(inside, topology.faces if topology.quads is None else topology.quads)
 
 
-def acting_surface(face: Face, margin_mm: float = 15.0) -> NDArray[np.bool_]:
+def acting_surface(face: Face, margin_mm: float = 30.0) -> NDArray[np.bool_]:
     """Return which skin vertices (n_skin,) lie in the `performance_region` or within `margin_mm` of it on the outside.
 
     Lips and lids still end where they touch; for markers that were set beyond the region.

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from facewright.errors import DegenerateError
 from facewright.fitting.marker_template import MarkerTemplate, at_places
+from facewright.io.marker_units import UP_AXES, turned_up
 from facewright.mesh.closest_point import ClosestPoints
 from facewright.mesh.normals import vertex_normals
 from facewright.numeric.check import check_finite, check_shape
@@ -93,7 +94,9 @@ def place_markers(template: MarkerTemplate, rest: NDArray[np.floating], standoff
     if M < LEAST_MARKERS:
         raise DegenerateError(f"rest must hold at least {LEAST_MARKERS} markers of a face, got {M}.")
     points = np.asarray(rest, dtype=np.float64)
-    model_from_recorded = _find_face(template, points)
+    model_from_recorded, cost = _find_face(template, points)
+    if cost > _ROUGH_MM:
+        raise DegenerateError("markers must lie on a face, got points that none fits; check unit and axes.")
     here = model_from_recorded.apply(points)
     weights, here, change = _fit_identity(template, here, standoff_mm / model_from_recorded.scale)
     model_from_recorded = change.compose(model_from_recorded)
@@ -121,46 +124,76 @@ def place_markers(template: MarkerTemplate, rest: NDArray[np.floating], standoff
     return MarkerPlacement(recorded, neutral, corners, found.barycentric, here, weights, scale, model_rms)
 
 
-def _find_face(template: MarkerTemplate, points: Array) -> Similarity:
-    """Return the similarity, model from recorded, by which markers and acting surface cover each other best."""
-    surface = template.points[template.inner]
-    surface = surface[:: max(1, len(surface) // 1500)]
+def find_up(template: MarkerTemplate, rest: NDArray[np.floating]) -> str:
+    """Return which axis of the recording points up: that with which the template finds the markers best.
+
+    Parameters
+    ----------
+    template : MarkerTemplate
+        Generic face.
+    rest : ndarray of shape (M, 3), millimetres
+        Centres of the markers, axes as recorded.
+    """
+    points = np.asarray(rest, dtype=np.float64)
+    found = {up: _find_face(template, turned_up(points, up)) for up in ("y", "z", "x")}
+    best = min(found, key=lambda up: found[up][1])
+    if found[best][1] > 1.02 * found["y"][1]:
+        best = "y"
+    # the found pose may be pitched any way: what counts is where the face's own up points
+    head_up = turned_up(np.eye(3), best) @ found[best][0].rotation.T @ [0.0, 1.0, 0.0]
+    axis = int(np.abs(head_up).argmax())
+    return UP_AXES[axis + 3 * int(head_up[axis] < 0)]
+
+
+def _find_face(template: MarkerTemplate, points: Array) -> tuple[Similarity, float]:
+    """Return the similarity, model from recorded, by which markers and acting surface cover each other best.
+
+    Also how far they then are from each other, mm (`_cover`).
+    """
+    surface = template.points[:: max(1, len(template.points) // 2000)]
+    inner = template.points[template.inner]
+    inner = inner[:: max(1, len(inner) // 300)]
     tree = cKDTree(surface)
     best, least = None, np.inf
-    spread = np.sqrt(surface.var(axis=0).sum() / points.var(axis=0).sum())
     for turn in np.arange(_TURNS) * (2 * np.pi / _TURNS):
         rotation = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix()
-        start = Similarity(spread, rotation, surface.mean(axis=0) - spread * rotation @ points.mean(axis=0))
-        found = _iterate_closest(tree, surface, points, start, 12)
-        cost = _cover(tree, surface, found.apply(points))
+        start = Similarity(1.0, rotation, inner.mean(axis=0) - rotation @ points.mean(axis=0))
+        found = _iterate_closest(tree, surface, inner, points, start, 12, with_scale=False)
+        cost = _cover(tree, inner, found.apply(points))
         if cost < least:
             best, least = found, cost
     assert best is not None
-    best = _iterate_closest(tree, surface, points, best, 40)
-    if _cover(tree, surface, best.apply(points)) > _ROUGH_MM:
-        raise DegenerateError("markers must lie on a face, got points that none fits; check unit and axes.")
-    return best
+    best = _iterate_closest(tree, surface, inner, points, best, 20, with_scale=False)
+    best = _iterate_closest(tree, surface, inner, points, best, 20, with_scale=True)
+    return best, _cover(tree, inner, best.apply(points))
 
 
-def _iterate_closest(tree: cKDTree, surface: Array, points: Array, pose: Similarity, rounds: int) -> Similarity:
-    """Improve a similarity: markers go to their nearest vertices, and vertices pull their nearest markers."""
+def _iterate_closest(
+    tree: cKDTree, surface: Array, inner: Array, points: Array, pose: Similarity, rounds: int, *, with_scale: bool
+) -> Similarity:
+    """Improve a similarity: markers go to their nearest vertices, and inner vertices pull their nearest markers."""
     for _ in range(rounds):
         moved = pose.apply(points)
         to_surface, nearest = tree.query(moved)
-        back, owner = cKDTree(moved).query(surface[::6])
+        back, owner = cKDTree(moved).query(inner)
         source = np.concatenate([points, points[owner]])
-        target = np.concatenate([surface[nearest], surface[::6]])
+        target = np.concatenate([surface[nearest], inner])
         far = np.concatenate([to_surface, np.maximum(back - 6.0, 0.0)])
-        weights = tukey_weights(far, 3.0 * max(float(np.median(to_surface)), 3.0)) + 1e-6
-        weights[len(points) :] *= 0.5 * len(points) / max(len(owner), 1)
-        pose = estimate_similarity(source, target, weights=weights)
+        weights = tukey_weights(far, 3.0 * max(float(np.median(to_surface)), 5.0)) + 1e-6
+        weights[len(points) :] *= 0.5 * len(points) / len(inner)
+        step = estimate_similarity(source, target, weights=weights, with_scale=with_scale)
+        if with_scale:
+            scale = float(np.clip(step.scale, 1.0 / SCALES[1], 1.0 / SCALES[0]))
+            middle = weights @ source / weights.sum()
+            step = Similarity(scale, step.rotation, step.apply(middle) - scale * step.rotation @ middle)
+        pose = step
     return pose
 
 
-def _cover(tree: cKDTree, surface: Array, moved: Array) -> float:
+def _cover(tree: cKDTree, inner: Array, moved: Array) -> float:
     """Return how far markers are from the surface and it from them, mm: mean of both, blind to a tenth."""
     there = np.minimum(tree.query(moved)[0], 40.0)
-    back = np.minimum(cKDTree(moved).query(surface[::3])[0], 40.0)
+    back = np.minimum(cKDTree(moved).query(inner)[0], 40.0)
     return float(np.sort(there)[: int(0.9 * len(there)) + 1].mean() + np.sort(back)[: int(0.9 * len(back)) + 1].mean())
 
 
