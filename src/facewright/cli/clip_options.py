@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from facewright.cli.console import finish, say, say_aside
+from facewright.cli.console import finish, say
+from facewright.cli.photo_options import say_remarks
 
 if TYPE_CHECKING:
     from facewright.apps.animate import ClipResult
@@ -48,8 +49,7 @@ def finish_clip(result: ClipResult, as_json: bool) -> None:
     }
 
     def show() -> None:
-        for note in result.notes:
-            say_aside(note[:1].upper() + note[1:])
+        say_remarks(result.notes)
         for what, path in result.paths.items():
             say(f"{what}: {path}")
         say(f"{result.n_frames} frames, {result.frame_rate:.4g} a second.")

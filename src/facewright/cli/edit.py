@@ -8,8 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from facewright.cli.console import JsonOption, finish, progress_bar, say, say_aside, table
-from facewright.cli.photo_options import FaceOption, FocalOption, LandmarksOption, ModelOption, TaskFileOption
+from facewright.cli.console import JsonOption, finish, progress_bar, say, table
+from facewright.cli.photo_options import (
+    FaceOption,
+    FocalOption,
+    LandmarksOption,
+    ModelOption,
+    TaskFileOption,
+    say_remarks,
+)
 from facewright.errors import ValueRangeError
 
 if TYPE_CHECKING:
@@ -83,8 +90,7 @@ def edit(
     )
     with progress_bar(as_json) as progress:
         result = edit_photo(request, progress)
-    for remark in result.remarks:
-        say_aside(remark)
+    say_remarks(result.remarks)
     payload: dict[str, Any] = {"paths": result.paths, "remarks": result.remarks}
     if result.edit is not None:
         payload |= {

@@ -1,16 +1,14 @@
-"""Options that all commands on photos share, and how they become a photo's person."""
+"""Options that all commands on photos and videos share, and how they say what they noticed."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from facewright.cli.console import say_aside
-
-if TYPE_CHECKING:
-    pass
 
 ModelOption = Annotated[
     Path | None,
@@ -33,7 +31,7 @@ FocalOption = Annotated[
 ]
 
 
-def say_remarks(remarks: tuple[str, ...]) -> None:
-    """Say on stderr what was made of unusual input."""
+def say_remarks(remarks: Iterable[str]) -> None:
+    """Say on stderr what was made of unusual input, a sentence a line."""
     for remark in remarks:
-        say_aside(remark)
+        say_aside(remark[:1].upper() + remark[1:])

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from facewright.cli.console import JsonOption, finish, progress_bar, say, say_aside
-from facewright.cli.photo_options import FaceOption, ModelOption, TaskFileOption
+from facewright.cli.console import JsonOption, finish, progress_bar, say
+from facewright.cli.photo_options import FaceOption, ModelOption, TaskFileOption, say_remarks
 
 
 def track(
@@ -48,8 +48,7 @@ def track(
     }
 
     def show() -> None:
-        for note in tracked.notes:
-            say_aside(note[:1].upper() + note[1:])
+        say_remarks(tracked.notes)
         say(f"curves: {out}")
         if glb:
             say(f"glb: {out.with_suffix('.glb')}")
