@@ -23,12 +23,12 @@ BLINK = {"eyeBlink_L": 1.0, "eyeBlink_R": 1.0}
 class Person:
     """A simulated person before a camera, whose photo in any expression is known."""
 
-    def __init__(self, face, seed):
+    def __init__(self, face, seed, size=SIZE, focal=1150.0):
         rng = np.random.default_rng(seed)
-        self.face = face
+        self.face, self.size = face, size
         self._person, self.look = simulate_person(face, rng), sample_appearance(rng)
         self._faces = visible_faces(face)
-        self._camera = Intrinsics.for_image(SIZE, 1150.0)
+        self._camera = Intrinsics.for_image(size, focal)
 
     def view(self, yaw=6.0, shift=0.0, turned=None, **shapes):
         weights = np.zeros(len(self.face.blendshape_names))
@@ -52,7 +52,7 @@ class Person:
             view.camera_vertices,
             view.pixels,
             faces,
-            SIZE,
+            self.size,
             albedo=albedo_function(self.face, look, faces),
             lights=lights,
             shininess=vertex_gloss(self.face),

@@ -13,7 +13,7 @@ reference = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(reference)
 
 
-def scene(rng, step, kinds, tongue):
+def scene(rng, step, kinds, tongue, modelled=False):
     """Samples of random triangles of the given kinds, in columns of some samples of skin above and below."""
     rows, columns, n = 9, 12, 14
     faces = np.array([rng.choice(n, 3, replace=False) for _ in range(20)], np.int32)
@@ -21,11 +21,14 @@ def scene(rng, step, kinds, tongue):
     face_index = rng.integers(-1, 20, (rows * step, columns * step)).astype(np.int32)
     weights = rng.random((*face_index.shape, 3)).astype(np.float32)
     skin = rng.random((n, N_SKIN_COLUMNS)).astype(np.float32)
-    skin[:, :2], skin[:, 9:] = 3 + 12 * rng.random((n, 2)), 3 + 12 * rng.random((n, 2))
+    skin[:, :2], skin[:, 8:] = 3 + 12 * rng.random((n, 2)), 3 + 12 * rng.random((n, 2))
     skin[:, 3:6] *= 200
-    skin[:5, [2, 7]] = 0
+    skin[:5, [2, 6]] = 0
     mouth = rng.random((n, N_MOUTH_COLUMNS)).astype(np.float32)
     mouth[:, 6] *= 30
+    mouth[:, 7], mouth[:, 8] = (12 * rng.random() + 0.9 * mouth[:, 7], 1.6 * mouth[:, 8]) if modelled else (-1.0, 0.0)
+    lash_line = np.stack([9 * step * rng.random(12 * step), rng.random(12 * step), 0.6 + rng.random(12 * step)])
+    lash_line[1, :4] = 0.0
     layers = [255 * rng.random((14, 16, 5)).astype(np.float32) for _ in range(2)]
     maps = []
     for layer in layers:
@@ -42,6 +45,9 @@ def scene(rng, step, kinds, tongue):
         "origin": np.array([1.0, 2.0], np.float32), "shadow": np.float32(0.4), "shadow_mm": np.float32(1.6),
         "grain": rng.normal(0, 5, (15, 17, 3)).astype(np.float32),
         "lash_colour": np.array([40, 30, 20, 0.8, 0.5], np.float32),
+        "lash_line": lash_line.astype(np.float32), "iris": np.array([9.0, 8.0, 6.0]),
+        "glint": (60 * rng.random((9, 11, 3))).astype(np.float32), "glint_at": np.array([4.0, 3.0], np.float32),
+        "key": np.float32(0.6), "was_behind": np.float32(0.5),
         "eye_picture": (255 * rng.random((13, 18, 3))).astype(np.float32), "eye": np.array([2.0, 1.0], np.float32),
         "mouth": mouth, "flesh": np.array([0.4, 0.1, 0.1], np.float32), "tooth": np.array([0.8, 0.7, 0.6], np.float32),
         "cavity": np.array([0.1, 0.02, 0.02], np.float32), "depth_mm": np.float32(14), "tongue": np.float32(tongue),
@@ -52,17 +58,26 @@ def scene(rng, step, kinds, tongue):
 
 @pytest.mark.parametrize("step", [1, 2, 3])
 @pytest.mark.parametrize(
-    ("kinds", "tongue"), [([0, 1], 0.0), ([0, 0, 1, 2], 0.0), ([0, 3, 4, 5], 0.0), ([3, 4, 5], 0.7)]
+    ("kinds", "tongue", "modelled"),
+    [
+        ([0, 1], 0.0, False),
+        ([0, 0, 1, 2], 0.0, False),
+        ([0, 3, 4, 5], 0.0, False),
+        ([3, 4, 5], 0.7, False),
+        ([3, 4], 0.0, True),
+    ],
 )
-def test_the_kernel_and_its_plain_twin_draw_the_same(rng, step, kinds, tongue):
-    s = scene(rng, step, kinds, tongue)
+def test_the_kernel_and_its_plain_twin_draw_the_same(rng, step, kinds, tongue, modelled):
+    s = scene(rng, step, kinds, tongue, modelled)
     before = rng.integers(0, 256, (12, 16, 3)).astype(np.uint8)
     image, touched = before.copy(), np.zeros(before.shape[:2], bool)
     compose(
         image, touched, s["x0"], s["y0"], step, s["face_index"], s["barycentric"], s["faces"], s["kinds"], s["edges"],
         s["px_per_mm"], s["mix"], s["skin"], s["skin_picture"], *s["origin"], s["shadow"], s["shadow_mm"],
-        s["grain"], s["lash_colour"], s["eye_picture"], *s["eye"],
-        s["mouth"], s["flesh"], s["tooth"], s["cavity"], s["depth_mm"], s["tongue"],
+        s["grain"], s["lash_colour"], s["lash_line"], s["eye_picture"], *s["eye"],
+        s["iris"], s["glint"], *s["glint_at"],
+        s["mouth"], s["flesh"], s["tooth"], s["cavity"], s["depth_mm"], s["tongue"], s["key"],
+        s["was_behind"],
         s["skull"], s["skull_map"], s["jaw"], s["jaw_map"], s["encode"],
     )  # fmt: skip
     expected, drawn = before.astype(float), np.zeros_like(touched)

@@ -109,7 +109,7 @@ def test_the_iris_is_found_to_a_fraction_of_a_pixel():
 
 def test_the_hidden_part_of_the_iris_is_round_and_of_its_colour():
     picture, seen = eye(lid=19)
-    layer = eye_layer(picture, (5, 7), seen, np.full(seen.shape, 20.0), np.array([29.5, 20.5, 8.0]), 1.4, np.ones(3))
+    layer = eye_layer(picture, (5, 7), seen, np.ones(seen.shape), np.array([29.5, 20.5, 8.0]), 1.4, np.ones(3))
     whole, _ = eye(lid=0)
     np.testing.assert_allclose(layer.iris, [35.3, 26.6, 8.4], atol=0.8)
     assert layer.seen
@@ -121,7 +121,7 @@ def test_the_hidden_part_of_the_iris_is_round_and_of_its_colour():
 def test_a_shut_eye_gets_an_iris():
     picture = np.full((40, 60, 3), 150, np.uint8)
     iris, shut = np.array([30.0, 20, 8.0]), np.zeros((40, 60), bool)
-    layer = eye_layer(picture, (0, 0), shut, np.zeros((40, 60)), iris, 1.4, np.full(3, 0.9))
+    layer = eye_layer(picture, (0, 0), shut, np.ones((40, 60)), iris, 1.4, np.full(3, 0.9))
     assert not layer.seen
     pupil, iris_colour, white = (layer.picture[20, x].mean() for x in (30, 36, 44))
     assert pupil < 0.7 * iris_colour < 80 < 160 < white

@@ -28,7 +28,7 @@ class EyeLayer:
     Parameters
     ----------
     picture : ndarray of shape (h, w, 3), float32
-        sRGB in [0, 255], without the upper lid's shadow.
+        sRGB in [0, 255], without the lids' shadows and what the cornea mirrors.
     origin : tuple of int
         Column and row of the photo at the picture's first pixel.
     iris : ndarray of shape (3,), float64, pixels
@@ -37,6 +37,10 @@ class EyeLayer:
         Linear colour of the white of the eye, unshadowed.
     seen : bool
         Whether the photo shows the eye open.
+    glint : ndarray of shape (n, m, 3), float32
+        What the cornea mirrors, to be added to `picture`, sRGB.
+    glint_origin : tuple of int
+        Column and row of the photo at its first pixel.
     """
 
     picture: NDArray[np.float32]
@@ -44,18 +48,28 @@ class EyeLayer:
     iris: NDArray[np.float64]
     sclera: NDArray[np.float64]
     seen: bool
+    glint: NDArray[np.float32]
+    glint_origin: tuple[int, int]
 
 
-def lid_shadow(below_mm: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Return the share of light, sRGB value over sRGB value, at distances (mm) below the upper lid's edge."""
-    return 1.0 - LID_SHADOW * np.exp(-np.maximum(below_mm, 0.0) / LID_SHADOW_MM)
+def eye_light(
+    below_mm: NDArray[np.floating], above_mm: NDArray[np.floating], corner_mm: NDArray[np.floating]
+) -> NDArray[np.floating]:
+    """Return the share of light, sRGB over sRGB, on an eyeball.
+
+    At distances (mm) below the upper lid's edge, above the lower one's and from the nearer corner.
+    """
+    shade = 1.0
+    for away, depth, reach in ((below_mm, LID_SHADOW, LID_SHADOW_MM), (above_mm, 0.15, 0.8), (corner_mm, 0.22, 2.0)):
+        shade = shade * (1.0 - depth * np.exp(-np.maximum(away, 0.0) / reach))
+    return np.asarray(shade)
 
 
 def eye_layer(
     photo: NDArray[np.uint8],
     origin: tuple[int, int],
     seen: NDArray[np.bool_],
-    below_mm: NDArray[np.floating],
+    light: NDArray[np.floating],
     iris: NDArray[np.floating],
     px_per_mm: float,
     white: NDArray[np.floating],
@@ -70,8 +84,8 @@ def eye_layer(
         Where this cut-out begins in the photo.
     seen : ndarray of shape (h, w), bool
         Pixels that show the eyeball, by the fitted mesh.
-    below_mm : ndarray of shape (h, w)
-        Distance below the edge of the upper lid.
+    light : ndarray of shape (h, w)
+        Share of light that the lids leave, see `eye_light`.
     iris : ndarray of shape (3,), pixels
         Centre and radius of the iris in the cut-out by the fitted mesh.
     px_per_mm : float
@@ -86,8 +100,7 @@ def eye_layer(
     """
     values = photo.astype(np.float32)
     sure = _sure(seen, px_per_mm)
-    light = lid_shadow(below_mm)[..., None].astype(np.float32)
-    bare = np.minimum(values / light, 255.0)
+    bare = np.minimum(values / light[..., None].astype(np.float32), 255.0)
     open_eye = int(sure.sum()) >= _LEAST_SEEN
     if open_eye:
         iris = find_iris(values @ _LUMINANCE, sure, iris)
@@ -95,16 +108,19 @@ def eye_layer(
     sure &= (radius < 1.08) | _white(values, sure & (radius > 1.08))
     usual_white = 255.0 * srgb_from_linear(_SCLERA_ALBEDO * white).astype(np.float32)
     sclera = _sclera(bare, sure & (radius > 1.12), usual_white, px_per_mm)
-    disc = _lit_like(_iris_disc(bare, sure, radius, white), bare, sure & (radius < 1.0), iris[2])
+    plain = _iris_disc(bare, sure, radius, white)
+    glint, glint_origin = _mirrored(values, bare, plain, seen, radius, iris, px_per_mm, open_eye)
+    hidden = _glint_mask(glint, glint_origin, seen.shape)
+    sure &= ~hidden
+    disc = _lit_like(plain, bare, sure & (radius < 1.0), iris[2])
     edge = np.clip((1.03 - radius) * iris[2] / 1.2 + 0.5, 0, 1)[..., None]
     drawn = sclera + (disc - sclera) * edge
-    if not open_eye:
-        drawn = _with_glint(drawn, iris, px_per_mm)
     weight = np.clip(ndimage.distance_transform_edt(sure) / max(1.0, 0.8 * px_per_mm), 0, 1)[..., None]
     picture = drawn + (bare - drawn) * weight
     middle = linear_from_srgb(np.median(sclera[radius > 1.2].reshape(-1, 3), axis=0) / 255.0).astype(np.float64)
     where = np.array([iris[0] + origin[0], iris[1] + origin[1], iris[2]])
-    return EyeLayer(np.ascontiguousarray(picture, np.float32), origin, where, middle, open_eye)
+    mirror = (origin[0] + glint_origin[0], origin[1] + glint_origin[1])
+    return EyeLayer(np.ascontiguousarray(picture, np.float32), origin, where, middle, open_eye, glint, mirror)
 
 
 def _sure(seen: NDArray[np.bool_], px_per_mm: float) -> NDArray[np.bool_]:
@@ -239,10 +255,53 @@ def _lit_like(
     return np.asarray(disc * np.clip(smooth, 0.6, 1.6), np.float32)
 
 
-def _with_glint(picture: NDArray[np.float32], iris: NDArray[np.floating], px_per_mm: float) -> NDArray[np.float32]:
-    """Add the light that a cornea mirrors."""
-    y, x = np.mgrid[: picture.shape[0], : picture.shape[1]].astype(np.float32)
+def _mirrored(
+    values: NDArray[np.float32],
+    bare: NDArray[np.float32],
+    disc: NDArray[np.float32],
+    seen: NDArray[np.bool_],
+    radius: NDArray[np.float32],
+    iris: NDArray[np.floating],
+    px_per_mm: float,
+    open_eye: bool,
+) -> tuple[NDArray[np.float32], tuple[int, int]]:
+    """Return what the cornea mirrors in a photo, (n, m, 3) sRGB to be added, and where its first pixel is.
+
+    That is what is much brighter than the iris round it; a small usual highlight where the eye is shut.
+    """
+    reach = int(np.ceil(iris[2] * 1.1)) + 2
+    x0, y0 = max(int(iris[0]) - reach, 0), max(int(iris[1]) - reach, 0)
+    part = np.s_[y0 : int(iris[1]) + reach + 1, x0 : int(iris[0]) + reach + 1]
+    if values[part].size == 0:
+        return np.zeros((2, 2, 3), np.float32), (0, 0)
+    if not open_eye:
+        return _usual_glint(values[part].shape, np.array([iris[0] - x0, iris[1] - y0, iris[2]]), px_per_mm), (x0, y0)
+    own = seen[part] & (radius[part] < 0.97)
+    inside = ndimage.distance_transform_edt(np.pad(seen[part], 1))[1:-1, 1:-1] > 1.0
+    over = (values[part] - disc[part]) @ _LUMINANCE
+    usual = disc[part] @ _LUMINANCE
+    core = own & inside & (over > np.maximum(55.0, usual))
+    if not core.any():
+        return np.zeros((2, 2, 3), np.float32), (x0, y0)
+    near = ndimage.distance_transform_edt(~core) <= max(1.0, 0.35 * px_per_mm)
+    near &= own
+    extra = np.where(near[..., None], np.maximum(values[part] - np.minimum(disc[part], bare[part]), 0.0), 0.0)
+    extra += 0.7 * ((extra @ _LUMINANCE)[..., None] - extra)  # what is mirrored is mostly white light
+    extra = np.asarray(ndimage.gaussian_filter(extra, (0.4, 0.4, 0)), np.float32)
+    return np.ascontiguousarray(extra), (x0, y0)
+
+
+def _glint_mask(glint: NDArray[np.float32], origin: tuple[int, int], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Return where a picture of the given shape holds what the cornea mirrors."""
+    mask = np.zeros(shape, bool)
+    part = mask[origin[1] : origin[1] + glint.shape[0], origin[0] : origin[0] + glint.shape[1]]
+    part |= glint[: part.shape[0], : part.shape[1]].max(axis=2) > 2.0
+    return mask
+
+
+def _usual_glint(shape: tuple[int, ...], iris: NDArray[np.floating], px_per_mm: float) -> NDArray[np.float32]:
+    """Return the highlight of a light above the camera, for an eye that the photo does not show."""
+    y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float32)
     size = max(0.7, 0.8 * px_per_mm)
     away = np.hypot(x - iris[0] + 0.30 * iris[2], y - iris[1] + 0.33 * iris[2]) / size
-    strength = 0.7 * np.clip(1.5 - away, 0, 1)[..., None]
-    return np.asarray(picture + (235.0 - picture) * strength, np.float32)
+    return np.asarray(140.0 * np.clip(1.5 - away, 0, 1)[..., None] * np.ones(3, np.float32), np.float32)

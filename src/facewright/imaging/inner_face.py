@@ -10,10 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.faces.face import Face
-from facewright.faces.rigid_motion import rigid_vertices
-from facewright.imaging._inner_kernels import N_MOUTH_COLUMNS, N_SKIN_COLUMNS, compose, upper_edges
+from facewright.imaging._inner_kernels import (
+    GRAIN_X,
+    LID,
+    LID_R,
+    N_MOUTH_COLUMNS,
+    N_SKIN_COLUMNS,
+    RIM,
+    SHEEN,
+    WET,
+    compose,
+    upper_edges,
+)
 from facewright.imaging.colour import srgb_from_linear
+from facewright.imaging.expression_shading import ExpressionShading
 from facewright.imaging.eye_layer import LID_SHADOW, LID_SHADOW_MM
+from facewright.imaging.eye_turning import EyeTurning
 from facewright.imaging.inner_parts import (
     EYE,
     SIDES,
@@ -22,14 +34,13 @@ from facewright.imaging.inner_parts import (
     Opening,
     eyeball,
     openings,
-    rigid_motion,
-    sphere_centre,
-    turn_of_gaze,
 )
 from facewright.imaging.inner_sources import (
+    LIP_SHADOW,
     EyeSource,
     MouthSource,
     OpeningSource,
+    behind_lip,
     box_round,
     eye_source,
     mouth_source,
@@ -45,23 +56,9 @@ _TOUCH_MM = 0.9
 #: Motion of an opening against itself, mm: below the first the plain warp of the photo is right.
 _MOTION_MM = (0.25, 1.0)
 _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
-#: Shadow of the upper lip on teeth and tongue: its depth, and how fast it fades downwards.
-_LIP_SHADOW, _LIP_SHADOW_MM = 0.28, 1.5
-#: Lips so far apart, millimetres, leave no shadow on the teeth.
-_UNSHADED_MM = 7.0
 #: Openings smaller than this, pixels, get more samples.
 _FINE_BELOW = 90
 _compose: Callable[..., None] = compose
-
-
-class _Eyeball(NamedTuple):
-    """What the photo alone says of an eyeball."""
-
-    ids: NDArray[np.intp]
-    then: NDArray[np.float64]  # (N, 3) in the camera's axes
-    centre: NDArray[np.float64]
-    affine: NDArray[np.float64]  # (3, 2) from steps in the camera's axes to steps in pixels
-    back: NDArray[np.float64]  # (3, 3) from the camera's axes to those of an eyeball that looks ahead
 
 
 class _EyeLook(NamedTuple):
@@ -69,9 +66,14 @@ class _EyeLook(NamedTuple):
 
     grain: NDArray[np.float32]
     lash_colour: NDArray[np.float32]
+    lash_line: NDArray[np.float32]
     picture: NDArray[np.float32]
     x: np.float32
     y: np.float32
+    iris: NDArray[np.float64]
+    glint: NDArray[np.float32]
+    glint_x: np.float32
+    glint_y: np.float32
 
 
 class _MouthLook(NamedTuple):
@@ -83,6 +85,8 @@ class _MouthLook(NamedTuple):
     wall: NDArray[np.float32]
     depth_mm: np.float32
     tongue: np.float32
+    key: np.float32
+    was_behind: np.float32
     skull: NDArray[np.float32]
     skull_map: NDArray[np.float64]
     jaw: NDArray[np.float32]
@@ -90,8 +94,18 @@ class _MouthLook(NamedTuple):
 
 
 _ZERO = np.float32(0)
+_NO_LINE = np.zeros((3, 0), np.float32)
 _NO_EYE = _EyeLook(
-    np.zeros((2, 2, 3), np.float32), np.zeros(5, np.float32), np.zeros((2, 2, 3), np.float32), _ZERO, _ZERO
+    np.zeros((2, 2, 3), np.float32),
+    np.zeros(5, np.float32),
+    _NO_LINE,
+    np.zeros((2, 2, 3), np.float32),
+    _ZERO,
+    _ZERO,
+    np.ones(3),
+    np.zeros((2, 2, 3), np.float32),
+    _ZERO,
+    _ZERO,
 )
 _NO_LAYER, _NO_MAP, _NO_COLOUR = np.zeros((0, 0, 5), np.float32), np.zeros((8, 2)), np.zeros(3, np.float32)
 _NO_MOUTH = _MouthLook(
@@ -101,6 +115,8 @@ _NO_MOUTH = _MouthLook(
     _NO_COLOUR,
     np.float32(1),
     _ZERO,
+    _ZERO,
+    np.float32(1),
     _NO_LAYER,
     _NO_MAP,
     _NO_LAYER,
@@ -142,12 +158,13 @@ class InnerFace:
         check_shape("photo", photo, "H", "W", 3)
         check_shape("source.pixels", source.pixels, face.topology.n_vertices, 2)
         self.face, self.source, self.light = face, source, light
-        self._gaze = None if gaze is None else np.asarray(gaze, np.float64)
+        self._turning = EyeTurning(source, face, gaze)
         self._size = photo.shape[:2]
         mouth, *eyes = openings(face)
         prepared = [eye_source(photo, source, face, light, eye) for eye in eyes]
         self._eyes = [eye for eye in prepared if eye is not None]
         self._mouth = mouth_source(photo, source, face, light, mouth, self._eyes)
+        self._shading = ExpressionShading.of(photo, source, face, light)
 
     @classmethod
     def of(
@@ -190,6 +207,7 @@ class InnerFace:
             self._paint_eye(image, marks, eye, target, own)
         if self._mouth is not None:
             self._paint_mouth(image, marks, self._mouth, target)
+        self._shading.paint(image, marks, target, self._turning.of_head(target))
 
     def _paint_eye(
         self,
@@ -204,7 +222,7 @@ class InnerFace:
         pixels, seen, scale = target.pixels[ids], target.camera_vertices[ids], px_per_mm(target, opening)
         balls = opening.places(eyeball(self.face, opening.name))
         moved = _own_motion(eye, pixels) / scale
-        places = self._eyeball_places(opening.name, target, gaze)
+        places = self._turning.places(opening.name, target, gaze)
         if gaze is not None:
             turned = places - self.source.pixels[eyeball(self.face, opening.name)]
             moved = max(moved, float(np.abs(turned - turned.mean(axis=0)).max()) / scale)
@@ -214,14 +232,27 @@ class InnerFace:
         skin = np.zeros((len(ids), N_SKIN_COLUMNS), np.float32)
         skin[:, :2] = eye.pixels
         skin[balls, :2] = places
-        skin[:, 2] = lid.weights(opening, pixels, _gap(opening, seen))
-        if skin[:, 2].any():
+        skin[:, LID] = lid.weights(opening, pixels, _gap(opening, seen))
+        if skin[:, LID].any():
             normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds <= SOCKET])
-            skin[:, 3:6] = lid.shaded(normals, self.light)
-        skin[:, 6], skin[:, 8], skin[:, 9:] = lid.lash_mm, opening.near, lid.grain
+            skin[:, LID_R : LID_R + 3] = lid.shaded(normals, self.light)
+        skin[:, RIM], skin[:, GRAIN_X:] = opening.near, lid.grain
+        skin[balls, GRAIN_X:] = 0.5 * (places + self._turning.still_places(opening.name, target))
         x, y = eye.ball.origin
-        look = _EyeLook(eye.grain, lid.lash_colour, eye.ball.picture, np.float32(x), np.float32(y))
-        self._draw(image, marks, eye, target, mix, skin, (LID_SHADOW, LID_SHADOW_MM), look, _NO_MOUTH)
+        look = _EyeLook(
+            eye.grain,
+            lid.lash_colour,
+            _NO_LINE,
+            eye.ball.picture,
+            np.float32(x),
+            np.float32(y),
+            eye.ball.iris,
+            eye.ball.glint,
+            np.float32(eye.ball.glint_origin[0]),
+            np.float32(eye.ball.glint_origin[1]),
+        )
+        line = lid.lash_line(opening, pixels, skin[:, LID])
+        self._draw(image, marks, eye, target, mix, skin, (LID_SHADOW, LID_SHADOW_MM), look, _NO_MOUTH, line)
 
     def _paint_mouth(
         self, image: NDArray[np.uint8], marks: NDArray[np.bool_], source: MouthSource, target: MeshView
@@ -234,30 +265,31 @@ class InnerFace:
             return
         skin = np.zeros((len(ids), N_SKIN_COLUMNS), np.float32)
         skin[:, :2] = source.pixels
-        skin[:, 7], skin[:, 8] = self._wet(opening, seen), opening.near
+        skin[:, WET], skin[:, RIM] = self._wet(opening, seen), opening.near
         inner = np.flatnonzero(ids >= self.face.n_skin)
         normals = unit_normals(np.ascontiguousarray(seen), opening.faces[opening.kinds > SKIN])
         columns = source.columns.copy()
         columns[inner, :3] = self.light.irradiance(normals[inner])
+        columns[inner, SHEEN] = np.clip(normals[inner] @ self._half, 0.0, 1.0) ** 40
         maps = [_layer_map(row, pixels, source.pixels, source.layers.origin) for row in source.rows]
-        # the wider the mouth, the deeper light gets into it, and the less the lips' shadow lies on the teeth
+        # the wider the mouth, the deeper light gets into it
         gap = float(np.percentile(_gap(opening, seen), 70))
-        depth = 8.0 + 1.3 * gap
-        was = float(np.percentile(_gap(opening, self.source.camera_vertices[ids]), 70))
-        shade = np.array([*3 * [min(1.0, _between_lips(gap) / _between_lips(was))], 1.0, 1.0], np.float32)
         look = _MouthLook(
             columns,
             source.flesh,
             source.tooth,
             source.wall,
-            np.float32(depth),
-            np.float32(source.tongue * _ease((depth - 12.0) / 12.0)),
-            source.layers.skull * shade,
+            np.float32(11.0 + 0.8 * gap),
+            np.float32(source.tongue * _ease((gap - 3.0) / 9.0)),
+            np.float32(self._key),
+            np.float32(source.behind),
+            source.layers.skull,
             maps[0],
-            source.layers.jaw * shade,
+            source.layers.jaw,
             maps[1],
         )
-        self._draw(image, marks, source, target, mix, skin, (_LIP_SHADOW, _LIP_SHADOW_MM), _NO_EYE, look)
+        shadow = (LIP_SHADOW, behind_lip(opening, source.rows[0], seen))
+        self._draw(image, marks, source, target, mix, skin, shadow, _NO_EYE, look)
 
     def _wet(self, opening: Opening, seen: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how dark the lips' inner sides are, (M,), and the line between closing lips."""
@@ -277,6 +309,7 @@ class InnerFace:
         shadow: tuple[float, float],
         eye: _EyeLook,
         mouth: _MouthLook,
+        lashes: NDArray[np.float64] | None = None,
     ) -> None:
         """Find what the samples of an opening's box see in the target, and draw it."""
         opening = source.opening
@@ -293,6 +326,10 @@ class InnerFace:
             perspective=target.perspective,
         )
         edges = upper_edges(fragments.face_index, opening.kinds, EYE)
+        line = np.zeros((3, edges.shape[1]), np.float32)
+        if lashes is not None and len(lashes):
+            line = _by_columns(lashes, (x0, y0), step, edges.shape[1])
+        eye = eye._replace(lash_line=line)
         x, y = source.origin
         _compose(
             image, marks, x0, y0, step, fragments.face_index, fragments.barycentric, opening.faces, opening.kinds,
@@ -301,51 +338,15 @@ class InnerFace:
         )  # fmt: skip
 
     @cached_property
-    def _skull(self) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
-        """Upper teeth, which are fixed to the skull: vertices, places in the photo, and the head's rotation there."""
-        teeth = rigid_vertices(self.face, "teeth_upper")
-        then = self.source.camera_vertices[teeth]
-        head, _ = rigid_motion(self.face.mean_shape[teeth].astype(np.float64), then)
-        return teeth, then, head
+    def _key(self) -> float:
+        """Strength of the light that has a direction."""
+        return float(self.light.lights().colours.mean())
 
     @cached_property
-    def _eyeballs(self) -> dict[str, _Eyeball]:
-        """What the photo alone says of the eyeballs."""
-        head = self._skull[2]
-        found = {}
-        for side in SIDES:
-            ids = eyeball(self.face, side)
-            then = self.source.camera_vertices[ids]
-            centre = sphere_centre(then)
-            if self._gaze is None:
-                iris = self.source.camera_vertices[self.face.topology.masks[f"iris_{side}"]].mean(axis=0)
-                globe = sphere_centre(then[(then - centre) @ (iris - centre) < 0])  # the cornea is no part of it
-                x, y, z = head.T @ (iris - globe)
-                own = np.array([np.arctan2(x, z), np.arctan2(y, np.hypot(x, z))])
-            else:
-                own = self._gaze[SIDES.index(side)]
-            design = np.column_stack([then - centre, np.ones(len(then))])
-            affine, *_ = np.linalg.lstsq(design, self.source.pixels[ids], rcond=None)
-            found[side] = _Eyeball(ids, then, centre, affine[:3], turn_of_gaze(own).T @ head.T)
-        return found
-
-    def _head_turn(self, target: MeshView) -> NDArray[np.float64]:
-        """Return the rotation of the head at rest to the target's, in the camera's axes, (3, 3)."""
-        teeth, then, head = self._skull
-        moved, _ = rigid_motion(then, target.camera_vertices[teeth])
-        return moved @ head
-
-    def _eyeball_places(self, side: str, target: MeshView, gaze: NDArray[np.floating] | None) -> NDArray[np.float64]:
-        """Return where in the photo the eyeball's vertices are shown, (N, 2), by what the target's show."""
-        ball = self._eyeballs[side]
-        if gaze is None:
-            return self.source.pixels[ball.ids]
-        now = target.camera_vertices[ball.ids]
-        own, shift = rigid_motion(ball.then, now)
-        # from the eyeball as the photo has it to the wanted one
-        turn = self._head_turn(target) @ turn_of_gaze(gaze) @ ball.back
-        back = (now - (own @ ball.centre + shift)) @ turn
-        return np.asarray(self.source.pixels[ball.ids] + (back - (ball.then - ball.centre)) @ ball.affine)
+    def _half(self) -> NDArray[np.float64]:
+        """Direction half way to the light, of surfaces that mirror it into the camera."""
+        half = self.light.lights().directions[0] + (0.0, 0.0, -1.0)
+        return np.asarray(half / max(float(np.linalg.norm(half)), 1e-9))
 
 
 def _own_motion(source: OpeningSource, pixels: NDArray[np.float64]) -> float:
@@ -362,9 +363,14 @@ def _gap(opening: Opening, seen: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1))
 
 
-def _between_lips(gap_mm: float) -> float:
-    """Return how bright teeth look between lips so far apart, against those of a wide mouth (chosen by eye)."""
-    return 0.35 + 0.65 * _ease(gap_mm / _UNSHADED_MM)
+def _by_columns(points: NDArray[np.float64], origin: tuple[int, int], step: int, n: int) -> NDArray[np.float32]:
+    """Return a line (K, 4) of x, y, strength and width by columns of samples, (3, n): row, strength, width."""
+    x, y = ((points[:, k] - origin[k] + 0.5) * step - 0.5 for k in range(2))
+    order = np.argsort(x)
+    at = np.arange(n)
+    values = [np.interp(at, x[order], v[order]) for v in (y, points[:, 2], points[:, 3])]
+    values[1][(at < x.min()) | (at > x.max())] = 0.0
+    return np.asarray(values, np.float32)
 
 
 def _ease(value: float) -> float:

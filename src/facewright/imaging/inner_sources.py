@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.faces.builtin_parts import GUM_OF_SECTION
 from facewright.faces.face import Face
-from facewright.imaging._inner_kernels import N_MOUTH_COLUMNS, upper_edges
+from facewright.imaging._inner_kernels import CROWN, N_MOUTH_COLUMNS, TOOTH, unshade, upper_edges
 from facewright.imaging.colour import linear_from_srgb, srgb_from_linear
-from facewright.imaging.eye_layer import IRIS_MM, EyeLayer, eye_layer
+from facewright.imaging.eye_layer import IRIS_MM, EyeLayer, eye_layer, eye_light
 from facewright.imaging.inner_parts import EYE, LOWER_TOOTH, SKIN, UPPER_TOOTH, Opening, paint_map
 from facewright.imaging.lid_skin import LidSkin, lid_skin
 from facewright.imaging.mesh_view import MeshView
@@ -25,6 +26,8 @@ _TOOTH, _FLESH, _WALL = (0.86, 0.82, 0.75), (0.66, 0.33, 0.32), (0.50, 0.18, 0.1
 _TEETH_BEHIND_LIPS_MM = 6.0
 _TOOTH_OF_SCLERA = np.array([1.0, 0.97, 0.86])
 _TINT = 0.05
+#: Depth of the shadow of the upper lip on teeth.
+LIP_SHADOW = 0.25
 _FORWARD = np.array([[0.0, 0.0, -1.0]])
 _LEAST_SIDE = 3  # pixels, of what a photo must show of an opening
 
@@ -76,6 +79,8 @@ class MouthSource(OpeningSource):
         Linear albedos.
     tongue : float
         1 where the face has no tongue of its own and one is to be drawn, else 0.
+    behind : float
+        How far the teeth lie behind the upper lip in the photo, mm.
     """
 
     layers: MouthLayers
@@ -85,6 +90,7 @@ class MouthSource(OpeningSource):
     flesh: NDArray[np.float32]
     wall: NDArray[np.float32]
     tongue: float
+    behind: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,14 +113,13 @@ def eye_source(
         return None
     edge = max(1.0, 0.3 * look.scale)  # no more than the very edge: lashes differ from skin, and shall stay
     skin = skin_layer(look.crop, look.kinds > SKIN, inset_px=edge, doubt_px=edge)
-    lid_edge = upper_edges(look.fragments.face_index, opening.kinds, EYE)[0]
-    below = np.where(lid_edge >= 0, (np.arange(len(look.crop))[:, None] - lid_edge) / look.scale, 0.0)
+    lit = _light_on_eye(look, upper_edges(look.fragments.face_index, opening.kinds, EYE))
     iris = view.pixels[face.topology.masks[f"iris_{opening.name}"]].mean(axis=0) - look.origin
     ball = eye_layer(
         look.crop,
         look.origin,
         look.kinds == EYE,
-        below,
+        lit,
         np.array([*iris, IRIS_MM * look.scale]),
         look.scale,
         light.irradiance(_FORWARD)[0],
@@ -158,7 +163,9 @@ def mouth_source(
     white = light.irradiance(_FORWARD)[0]
     gum = 0.5 * colour + 0.5 * 255.0 * srgb_from_linear(0.9 * white * linear_from_srgb(np.array(_FLESH)))
     layers = mouth_layers(look.crop, look.origin, inside, colour, _incisal(view, opening, look), look.scale, gum)
-    teeth = [np.intersect1d(opening.probes, opening.faces[opening.kinds == k]) for k in (UPPER_TOOTH, LOWER_TOOTH)]
+    behind = behind_lip(opening, _foremost(opening)[0], view.camera_vertices[opening.vertices])
+    if inside.any():
+        _unshade(layers, inside, look.scale, behind)
     return MouthSource(
         opening,
         view.pixels[opening.vertices],
@@ -166,11 +173,12 @@ def mouth_source(
         look.origin,
         layers=layers,
         columns=_mouth_columns(face, opening),
-        rows=(teeth[0], teeth[1]),
+        rows=_foremost(opening),
         tooth=_tooth_albedo(layers, eyes, light),
         flesh=linear_from_srgb(np.array(_FLESH)),
         wall=linear_from_srgb(np.array(_WALL)),
         tongue=float(not any("tongue" in name for name in face.topology.parts)),
+        behind=behind,
     )
 
 
@@ -205,6 +213,51 @@ def _look(photo: NDArray[np.uint8], view: MeshView, opening: Opening, margin_mm:
     return _Look(photo[y0:y1, x0:x1], (x0, y0), fragments, kinds, scale)
 
 
+def _foremost(opening: Opening) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return places of the foremost upper and lower teeth."""
+    upper, lower = (opening.faces[opening.kinds == kind] for kind in (UPPER_TOOTH, LOWER_TOOTH))
+    return np.intersect1d(opening.probes, upper), np.intersect1d(opening.probes, lower)
+
+
+def behind_lip(opening: Opening, teeth: NDArray[np.intp], seen: NDArray[np.floating]) -> float:
+    """Return how far the teeth lie behind the upper lip, mm: a smile draws it back to them, a kiss puts it forward.
+
+    Parameters
+    ----------
+    opening : Opening
+        The mouth.
+    teeth : ndarray of int
+        Places of the foremost upper teeth.
+    seen : ndarray of shape (M, 3)
+        Its vertices in the camera's axes.
+    """
+    return float(np.percentile(seen[teeth, 2], 25) - np.percentile(seen[opening.upper, 2], 25))
+
+
+def _unshade(layers: MouthLayers, inside: NDArray[np.bool_], scale: float, behind: float) -> None:
+    """Take the lips' shade off what the photo shows between them, in place."""
+    columns = np.flatnonzero(inside.any(axis=0))
+    at = np.arange(inside.shape[1])
+    first = np.interp(at, columns, inside.argmax(axis=0)[columns])
+    last = np.interp(at, columns, (len(inside) - 1 - inside[::-1].argmax(axis=0))[columns])
+    middle, half = 0.5 * (columns[0] + columns[-1]), 0.5 * (columns[-1] - columns[0] + 1)
+    for layer in (layers.skull, layers.jaw):
+        if layer[..., 3].any():
+            unshade(layer, first, last, middle, half, scale, behind)
+
+
+def _light_on_eye(look: _Look, edges: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the share of light (h, w) that lids leave on the eyeball in a cut-out; 1 beside the eye."""
+    rows = np.arange(len(look.crop), dtype=np.float32)[:, None]
+    columns = np.flatnonzero(edges[0] >= 0)
+    if len(columns) == 0:
+        return np.ones(look.crop.shape[:2], np.float32)
+    middle, half = 0.5 * (columns[0] + columns[-1]), 0.5 * (columns[-1] - columns[0] + 1)
+    corner = (half - np.abs(np.arange(edges.shape[1]) - middle)) / look.scale
+    light = eye_light((rows - edges[0]) / look.scale, (edges[1] - rows) / look.scale, corner[None])
+    return np.where(edges[0] >= 0, light, 1.0).astype(np.float32)
+
+
 def _on(places: NDArray[np.intp], opening: Opening) -> NDArray[np.float32]:
     weight = np.zeros((len(opening.vertices), 1), np.float32)
     weight[places] = 1.0
@@ -237,7 +290,7 @@ def _tooth_albedo(layers: MouthLayers, eyes: list[EyeSource], light: PhotoLight)
             tooth = tooth * (0.3 * ratio + 0.7 * ratio.mean()) ** 0.7
         brightest = max(float(colour.sum()) for colour in (*sclera, light.highlight))
         if brightest > 0:  # not brighter than what else is bright in the face
-            tooth = tooth * min(1.0, 1.15 * brightest / float((tooth * white).sum()))
+            tooth = tooth * min(1.0, 1.35 * brightest / float((tooth * white).sum()))
     if layers.tooth is None:  # lips and gums around them tint teeth
         tint = light.skin_albedo / light.skin_albedo.mean()
         tooth = tooth * (tint / tint.max()) ** _TINT
@@ -252,6 +305,21 @@ def _mouth_columns(face: Face, opening: Opening) -> NDArray[np.float32]:
     columns[:, 3], columns[:, 4], columns[:, 5] = of["flesh"], of["cavity"], of["groove"]
     z = face.mean_shape[opening.vertices, 2]
     columns[:, 6] = np.maximum(z[opening.rim].max() - _TEETH_BEHIND_LIPS_MM - z, 0.0)
+    columns[:, TOOTH] = -1.0
+    if face.topology.name == "builtin":  # its rows are tubes: sections along the arch, teeth but for the texture
+        n = len(GUM_OF_SECTION)
+        for part in ("teeth_upper", "teeth_lower"):
+            start, stop = face.topology.parts[part]
+            own = (opening.vertices >= start) & (opening.vertices < stop)
+            section = np.arange((stop - start) // n)
+            along = np.floor((section - 2) / 3) + np.choose((section - 2) % 3, [0.0, 0.19, 0.81]) + 2.0
+            along = np.where(
+                section < 2, section, np.where(section > section[-1] - 2, section - section[-1] + 15.0, along)
+            )
+            columns[own, TOOTH] = along[(opening.vertices[own] - start) // n]
+            crown = (0.5 - np.array(GUM_OF_SECTION)) / 1.2
+            crown[3:] = 2.0, 3.0  # the inner edge, and the gum behind
+            columns[own, CROWN] = crown[(opening.vertices[own] - start) % n]
     return columns
 
 

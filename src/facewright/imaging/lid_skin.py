@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import sparse
+from scipy import ndimage, sparse
 from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
 
@@ -91,6 +91,36 @@ class LidSkin:
         # the margin below the stretched skin turns away, and the skin above shall go over softly
         need = self._smooth @ spread_over(need, self._faces, _SPREAD)
         return np.asarray(self.zone * amount * np.clip(need, 0, 1), np.float32)
+
+    def lash_line(
+        self, opening: Opening, pixels: NDArray[np.floating], weights: NDArray[np.floating]
+    ) -> NDArray[np.float64]:
+        """Return the upper lid's lash line where the photo's own is covered by lid skin.
+
+        Parameters
+        ----------
+        opening : Opening
+            The eye.
+        pixels : ndarray of shape (M, 2)
+            Its vertices in the view.
+        weights : ndarray of shape (M,)
+            From `weights`.
+
+        Returns
+        -------
+        ndarray of shape (K, 4)
+            Points of the line: x, y, how strong it is in [0, 1], and its width as a share of that of `lash_colour`.
+        """
+        upper = opening.upper
+        strength = np.zeros(len(weights))
+        np.maximum.at(strength, opening.pair, np.asarray(weights, np.float64) * (self.lash_mm < 2.0))
+        at = pixels[upper].astype(np.float64)
+        order = np.argsort(at[:, 0])
+        across = np.linspace(-1.0, 1.0, len(order)) if len(order) else np.zeros(0)
+        strength = ndimage.gaussian_filter1d(strength[: len(upper)][order], 0.08 * len(order), mode="nearest")
+        ends = np.clip((1.0 - np.abs(across)) / 0.2, 0.0, 1.0)
+        width = 0.75 + 0.35 * (1.0 - across * across)
+        return np.column_stack([at[order], strength * ends, width])
 
     def shaded(self, normals: NDArray[np.floating], light: PhotoLight) -> NDArray[np.float32]:
         """Return `colours` in the light that the lid gets in a view with unit normals (M, 3)."""
@@ -260,7 +290,7 @@ def _continued(
     # next to lashes and folds all is dark and grey; shaded skin is redder than that
     share = (np.maximum(smooth.mean(axis=1), 1.0) / typical.mean())[:, None] ** 0.65
     warm = typical * share ** np.array([0.85, 1.05, 1.15])
-    return np.asarray(0.25 * smooth + 0.75 * warm, np.float32)
+    return np.asarray(0.15 * smooth + 0.85 * warm, np.float32)
 
 
 def _lash_colour(
@@ -272,7 +302,7 @@ def _lash_colour(
     px_per_mm: float,
 ) -> NDArray[np.float32]:
     """Return the colour of the photo's lash line, and how opaque it is against the lid."""
-    width = max(0.8, 0.6 / px_per_mm)  # never so thin that it goes under in a small picture
+    width = max(0.5, 0.5 / px_per_mm)  # never so thin that it goes under in a small picture
     if not line.any():
         return np.array([40, 28, 24, 0.7, width], np.float32)
     around = np.concatenate([pixels[line] + (0, d * px_per_mm) for d in (-0.8, 0.0, 0.8)])
