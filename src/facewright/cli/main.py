@@ -21,6 +21,7 @@ from facewright.cli import (
     fit,
     fit_scan,
     info,
+    mocap,
     model,
     pose,
     regions,
@@ -77,6 +78,7 @@ app.command("pose")(pose.pose)
 app.add_typer(simulate.app, name="simulate")
 app.add_typer(capture.app, name="capture")
 app.add_typer(warehouse.app, name="warehouse")
+app.add_typer(mocap.app, name="mocap")
 app.command("evaluate")(evaluate.evaluate)
 app.command("info")(info.info)
 
