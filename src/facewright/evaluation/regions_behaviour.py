@@ -1,0 +1,118 @@
+"""How region-based models behave: drags that stay local, boundaries that hold and do not show."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from facewright.mesh.normals import face_area_vectors
+from facewright.models.region_blend import RegionBlend
+from facewright.models.region_fit import RegionFitter
+from facewright.models.region_model import RegionModel
+from facewright.models.region_poser import RegionPoser
+
+BETA, GAMMA = 0.5, 0.025
+"""The paper's parameters of interaction."""
+
+BETAS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
+DRAG_MM = 5.0
+#: Directions of the drags, towards the side of the corner (x), up (y) and forwards (z).
+_DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.7, 0.7, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.6, -0.8, 0.0]])
+
+
+def measure_locality(
+    region: RegionModel, holistic: RegionModel, reference: NDArray[np.floating], corners: tuple[int, int]
+) -> dict[str, float]:
+    """Drag each corner of the mouth by 5 mm in five directions.
+
+    Parameters
+    ----------
+    region, holistic : RegionModel
+        Trained with the same data.
+    reference : ndarray of shape (N, 3), millimetres
+        The generic face, whose x tells the sides.
+    corners : (int, int)
+        Vertices at the left and the right corner.
+
+    Returns
+    -------
+    dict of str to float
+        ``region_leak``, ``holistic_leak``: share of the squared motion on the other side of the face;
+        ``*_missed_mm``: how far from its target the dragged vertex stays.
+    """
+    metrics: dict[str, float] = {}
+    for name, model in (("region", region), ("holistic", holistic)):
+        poser = RegionPoser(model, BETA, GAMMA)
+        leaks, missed = [], []
+        for corner in corners:
+            poser.set_constraints([corner])
+            side = np.sign(reference[corner, 0])
+            other = reference[:, 0] * side < 0
+            for direction in _DIRECTIONS * [side, 1.0, 1.0]:
+                target = model.neutral[corner] + DRAG_MM * direction / np.linalg.norm(direction)
+                zeta = poser.solve(target[None], np.zeros(model.n_coefficients))
+                moved = poser.positions(zeta) - model.neutral
+                squared = (moved**2).sum(axis=1)
+                leaks.append(squared[other].sum() / squared.sum())
+                missed.append(np.linalg.norm(model.neutral[corner] + moved[corner] - target))
+        metrics |= {f"{name}_leak": float(np.mean(leaks)), f"{name}_missed_mm": float(np.mean(missed))}
+    return metrics
+
+
+def measure_boundaries(model: RegionModel, displacements: NDArray[np.floating]) -> dict[str, float]:
+    """Measure what differs at the regions' shared vertices, and what shows of it.
+
+    Parameters
+    ----------
+    model : RegionModel
+    displacements : ndarray of shape (T, N, 3), millimetres
+        Unseen frames.
+
+    Returns
+    -------
+    dict of str to float
+        ``gap_mean_mm_beta_B`` and ``gap_max_mm_beta_B`` before blending, of fits of eq. 6 with beta B;
+        ``crease_deg_boundary`` and ``crease_deg_inside``: RMS over edges of how far the angle between the two triangles
+        is from that of the data, at edges with a shared vertex and at the others, beta 0.5, for both ways of blending
+        (``_gradient``); ``crease_ratio`` of the two.
+    """
+    metrics = {}
+    blend = RegionBlend(model)
+    for beta in BETAS:
+        zeta = RegionFitter(model, beta).fit(displacements)
+        gaps = [blend.gaps(row) for row in zeta]
+        metrics[f"gap_mean_mm_beta_{beta:g}"] = float(np.mean([gap.mean_mm for gap in gaps]))
+        metrics[f"gap_max_mm_beta_{beta:g}"] = float(np.max([gap.max_mm for gap in gaps]))
+    fitter = RegionFitter(model, BETA)
+    zeta = fitter.fit(displacements)
+    pairs, boundary = _edge_pairs(model)
+    truth = _bends(model.neutral + displacements, model.faces, pairs)
+    for method, suffix in (("average", ""), ("gradient", "_gradient")):
+        made = _bends(model.neutral + fitter.reconstruct(zeta, method), model.faces, pairs)  # type: ignore[arg-type]
+        squared = ((made - truth) ** 2).mean(axis=0)
+        at, inside = (float(np.rad2deg(np.sqrt(squared[chosen].mean()))) for chosen in (boundary, ~boundary))
+        metrics |= {f"crease_deg_boundary{suffix}": at, f"crease_deg_inside{suffix}": inside}
+        metrics[f"crease_ratio{suffix}"] = at / inside
+    return metrics
+
+
+def _edge_pairs(model: RegionModel) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Return the pairs of triangles (E, 2) that share an edge, and which edges have an end shared by regions."""
+    faces = model.faces
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    owner = np.tile(np.arange(len(faces)), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, owner = edges[order], owner[order]
+    first = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    shared = model.regions.count > 1
+    return np.stack([owner[first], owner[first + 1]], axis=1), shared[edges[first]].any(axis=1)
+
+
+def _bends(vertices: NDArray[np.floating], faces: NDArray[np.integer], pairs: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return the angles (T, E), radians, between the normals of pairs of triangles."""
+    result = []
+    for frame in vertices:
+        normals = face_area_vectors(frame, faces)
+        normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        result.append(np.arccos(np.clip((normals[pairs[:, 0]] * normals[pairs[:, 1]]).sum(axis=1), -1.0, 1.0)))
+    return np.array(result)
