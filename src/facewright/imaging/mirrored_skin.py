@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from facewright.faces.face import Face
 from facewright.imaging._mirror_kernels import paint_mirrored
 from facewright.imaging.mesh_view import MeshView
-from facewright.imaging.rasterise import Fragments
+from facewright.imaging.rasterise import Fragments, rasterise
 from facewright.imaging.source_surface import BODY, HEAD, INNER, SourceSurface, facing
 from facewright.imaging.wide_blur import block_means
 from facewright.mesh.geodesics import path_graph
@@ -28,7 +28,7 @@ _NECK_MM = 7.0
 _MIDDLE_MM = 12.0  # from the middle plane: where the far side begins
 _INWARDS = 0.02  # of the head's size: so far inside the person's old outline it begins
 _SMOOTH = 0.04  # of the head's size: the light varies no faster
-_SPREAD_MM = 30.0  # so far ratios of light reach
+_SPREAD_MM = 12.0  # so far ratios of light reach
 _MOST = 0.6  # of the logarithm of a ratio of light
 _SAMPLES = 600
 _LEAST = 40  # vertices that must show both sides
@@ -212,7 +212,15 @@ def _colours(photo: NDArray[np.uint8], surface: SourceSurface, ids: NDArray[np.i
     x0, y0 = max(int(x0), 0), max(int(y0), 0)
     part = photo[y0 : max(int(y1) + 1, y0 + 1), x0 : max(int(x1) + 1, x0 + 1)]
     n = max(1, int(0.4 * _SMOOTH * size))
-    small = ndimage.gaussian_filter(block_means(part.astype(np.float32), n), (_SMOOTH * size / n,) * 2 + (0,))
-    at = ((pixels[ids] - (x0, y0) + 0.5) / n - 0.5).T[::-1]
+    small = block_means(part.astype(np.float32), n)
+    at = (pixels - (x0, y0) + 0.5) / n - 0.5
+    view = surface.view
+    shown = rasterise(at, view.depth, surface.faces, small.shape[:2], perspective=view.perspective)
+    faces = np.maximum(shown.face_index, 0)
+    skin = shown.covered & (surface.kinds[faces] == HEAD) & surface.front[surface.faces].all(axis=1)[faces]
+    weight = ndimage.binary_erosion(skin, iterations=2).astype(np.float32)[..., None] + np.float32(1e-6)
+    blur = (_SMOOTH * size / n,) * 2 + (0,)
+    small = ndimage.gaussian_filter(small * weight, blur) / ndimage.gaussian_filter(weight, blur)
+    at = at[ids].T[::-1]
     found = [ndimage.map_coordinates(small[..., c], at, order=1, mode="nearest") for c in range(3)]
     return np.maximum(np.stack(found, axis=1).astype(np.float64), 1.0)
