@@ -218,7 +218,7 @@ def edit_subject(
         The redrawn photo.
     """
     edit = editor.change(subject.fit.identity_weights, deviations, form=form)
-    return edit, subject.synthesiser.draw(edited_view(subject, edit.weights))
+    return edit, subject.edit_synthesiser.draw(edited_view(subject, edit.weights))
 
 
 def list_attributes(model: Path | None = None, progress: Progress | None = None) -> list[AttributeSummary]:

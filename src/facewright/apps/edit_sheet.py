@@ -76,7 +76,7 @@ class _Crop:
     """The photo's square round the head, shrunk to `size`, and what redraws it: a sheet needs no full resolution."""
 
     def __init__(self, subject: PhotoSubject, size: int) -> None:
-        from facewright.imaging.inner_face import InnerFace
+        from facewright.apps.photo_subject import followed_points
         from facewright.imaging.overlay import crop_around
         from facewright.imaging.synthesis import PhotoSynthesiser
 
@@ -86,7 +86,8 @@ class _Crop:
             subject.photo, subject.source.pixels[start:stop], margin=0.18, height=size
         )
         source = self._moved(subject.source)
-        self._synthesiser = PhotoSynthesiser(picture, source, face, inner=InnerFace.of(picture, source, face))
+        self._synthesiser = PhotoSynthesiser(picture, source, face)
+        self._synthesiser.field.follow(followed_points(face))
 
     def draw(self, view: MeshView) -> NDArray[np.uint8]:
         """Return the square (size, size, 3) as the photo's camera would see `view`."""

@@ -17,8 +17,10 @@ from facewright.errors import MissingFaceError
 from facewright.fitting.gaze import Eyeballs, find_gaze
 from facewright.fitting.image import PhotoFit, PhotoFitOptions, PhotoFitter
 from facewright.fitting.landmark_residual import CarriedResidual, smooth_field
+from facewright.fitting.outline import Outline, find_outline
 from facewright.imaging.mesh_view import MeshView
-from facewright.landmarks.points import Landmarks
+from facewright.landmarks.points import Landmarks, interocular_distance
+from facewright.landmarks.scheme import load_scheme
 from facewright.models.blendshapes import BlendshapeRig
 from facewright.numeric.check import check_shape
 
@@ -34,6 +36,12 @@ Progress = Callable[[str, int, int], None]
 
 #: Standard deviation, millimetres, of points that the mesh is made to meet: small where an edge shows a mismatch.
 _NOISE_MM = {"inner_mouth": 0.12, "mouth": 0.3, "eye": 0.2, "nose": 0.6, "brow": 0.8, "contour": 2.0}
+#: Standard deviation, millimetres across it, of a face's outline that the picture clearly shows; how sure it must be.
+_OUTLINE_MM, _LEAST_CONFIDENCE = 0.6, 0.05
+#: Each finds the outline near the last fit and fits again; more than one changes the fit no more.
+_OUTLINE_ROUNDS = 1
+#: Groups of landmarks that edits of shape follow exactly.
+_FOLLOWED = ("right_eye", "left_eye", "outer_mouth", "inner_mouth")
 _STAGES = 4
 
 
@@ -166,6 +174,19 @@ class PhotoSubject:
         inner, finder = self._inner_face(), person_finder()
         return PhotoSynthesiser(self.photo, self.source, self.face, inner=inner, find_person=finder)
 
+    @cached_property
+    def edit_synthesiser(self) -> PhotoSynthesiser:
+        """What redraws the photo for other shapes of the same face, where mouth and eyes show what they showed.
+
+        They come from the photo and follow the points of lips and lids; nothing opens, closes or turns.
+        """
+        from facewright.imaging.synthesis import PhotoSynthesiser
+        from facewright.landmarks.person_mask import person_finder
+
+        synthesiser = PhotoSynthesiser(self.photo, self.source, self.face, find_person=person_finder())
+        synthesiser.field.follow(followed_points(self.face))
+        return synthesiser
+
     def _inner_face(self) -> Any:
         try:
             from facewright.imaging.inner_face import InnerFace
@@ -255,7 +276,10 @@ def open_photo_subject(
     report("fitting the face", 2)
     focal = file.focal_length if focal_length is None else focal_length
     size = (file.pixels.shape[0], file.pixels.shape[1])
-    fit = PhotoFitter(model).fit(found, size, PhotoFitOptions(focal_length=focal))
+    fitter, options = PhotoFitter(model), PhotoFitOptions(focal_length=focal)
+    fit = fitter.fit(found, size, options)
+    for _ in range(_OUTLINE_ROUNDS):
+        fit = fitter.fit(found, size, options, outline_of(file.pixels, fit))
     check_fit(fit, name)
     report("completing the face", 3)
     remarks = list(file.remarks)
@@ -306,6 +330,13 @@ def complete_subject(
     return replace(subject, residual=residual, gaze=gaze)
 
 
+def outline_of(picture: NDArray[np.uint8], fit: PhotoFit) -> Outline:
+    """Return the outline of a fitted face (H, W, 3) as its picture shows it."""
+    iod = interocular_distance(fit.reprojection, fit.landmarks.scheme)
+    model = fit.model
+    return find_outline(picture, model.topology, model.mean_face, fit.project(fit.vertices), fit.rotation, iod)
+
+
 def _residual(subject: PhotoSubject, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
     from facewright.fitting.landmark_residual import Anchors, LandmarkResidual
 
@@ -315,10 +346,25 @@ def _residual(subject: PhotoSubject, vertices: NDArray[np.float64]) -> NDArray[n
     noise = np.ones(found.definition.n_points)
     for group, members in found.definition.groups.items():
         noise[members] = _NOISE_MM[group.rpartition("_")[2] if group != "inner_mouth" else group]
-    adjust = LandmarkResidual(subject.face, Anchors.at_vertices(ids[points], noise[points]))
     present = found.present[points]
     pixels = np.where(present[:, None], found.points[points], 0.0)
+    anchors = Anchors.at_vertices(ids[points], noise[points])
+    outline = outline_of(subject.photo, subject.fit)
+    sure = outline.confidence > _LEAST_CONFIDENCE
+    if sure.any():
+        anchors = anchors.with_outline(outline, sure, _OUTLINE_MM)
+        pixels = np.concatenate([pixels, outline.pixels[sure]])
+        present = np.concatenate([present, np.ones(int(sure.sum()), dtype=bool)])
+    adjust = LandmarkResidual(subject.face, anchors)
     return adjust.displacement(vertices, pixels, subject.intrinsics, subject.camera_from_model, present)
+
+
+def followed_points(face: Face) -> NDArray[np.int32]:
+    """Return the vertices of lips and lids that pictures of another shape of the same face are made to meet, (K,)."""
+    groups = load_scheme("fw74").groups
+    points = np.unique(np.concatenate([groups[name] for name in _FOLLOWED]))
+    ids = face.topology.landmarks["fw74"][points]
+    return np.asarray(ids[ids >= 0], dtype=np.int32)
 
 
 def complete_rig(model: BilinearModel, rig: BlendshapeRig, face: Face) -> tuple[BlendshapeRig, PartsAttacher | None]:

@@ -152,7 +152,7 @@ class _Trial:
         """Edit by one model: the same millimetres, whatever its people's standard deviation."""
         asked = {self.name: self.millimetres / editor.standard_deviation[editor.names.index(self.name)]}
         view = edited_view(subject, editor.change(subject.fit.identity_weights, asked).weights)
-        return subject.synthesiser.draw(view), view
+        return subject.edit_synthesiser.draw(view), view
 
     def psnr_db(self, image: NDArray[np.uint8]) -> float:
         """Compare with the truth over the face."""

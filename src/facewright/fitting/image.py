@@ -17,6 +17,7 @@ from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.energies.identity_prior import IdentityPrior
 from facewright.fitting.landmark_model import LandmarkModel, PersonPoints
 from facewright.fitting.mesh_synthesis import MeshSynthesiser
+from facewright.fitting.outline import Outline
 from facewright.fitting.perspective_refinement import CameraPrior, PinholeState, refine
 from facewright.landmarks.points import Landmarks, interocular_distance
 from facewright.landmarks.scheme import load_scheme
@@ -25,6 +26,8 @@ from facewright.models.blendshapes import BlendshapeRig
 
 #: Fewest fixed landmarks that a face is fitted to.
 MIN_LANDMARKS = 10
+#: Precision of an outline's point beside a landmark's: neighbours say the same.
+_OUTLINE_PRECISION = 0.5
 #: Focal length, in sides of the picture, at which a pinhole is as good as weak perspective.
 _FAR = 200.0
 
@@ -203,7 +206,11 @@ class PhotoFitter:
         self._synthesiser = MeshSynthesiser(model)
 
     def fit(
-        self, landmarks: Landmarks, image_size: tuple[int, int], options: PhotoFitOptions | None = None
+        self,
+        landmarks: Landmarks,
+        image_size: tuple[int, int],
+        options: PhotoFitOptions | None = None,
+        outline: Outline | None = None,
     ) -> PhotoFit:
         """Fit a face to landmarks.
 
@@ -215,6 +222,8 @@ class PhotoFitter:
             Size of the picture, pixels: gives the principal point and the guess of the focal length.
         options : PhotoFitOptions, optional
             Defaults where absent.
+        outline : Outline, optional
+            Of the face, found in the picture near an earlier fit: further contour points.
 
         Returns
         -------
@@ -229,7 +238,7 @@ class PhotoFitter:
             If too few landmarks are present, or they lie in one spot.
         """
         options = options or PhotoFitOptions()
-        start = self.start(landmarks, image_size, options)
+        start = self.start(landmarks, image_size, options, outline)
         fine = refine(
             self.landmark_model,
             start.targets,
@@ -241,7 +250,13 @@ class PhotoFitter:
         )
         return self.finish(start, fine, options.perspective)
 
-    def start(self, landmarks: Landmarks, image_size: tuple[int, int], options: PhotoFitOptions) -> PhotoStart:
+    def start(
+        self,
+        landmarks: Landmarks,
+        image_size: tuple[int, int],
+        options: PhotoFitOptions,
+        outline: Outline | None = None,
+    ) -> PhotoStart:
         """Return the weak-perspective fit from which the refinement starts; see `fit`."""
         found = landmarks.convert(self.scheme.name)
         small = self.landmark_model
@@ -250,7 +265,11 @@ class PhotoFitter:
             raise DegenerateError(f"at least {MIN_LANDMARKS} landmarks inside the face are needed, got {n_present}.")
         order = np.concatenate([small.fixed, small.sliding])
         pixels = np.where(found.present[:, None], found.points, 0.0)[order]
-        targets = Targets(pixels, found.confidence[order], len(small.fixed), options.noise_mm)
+        confidence = found.confidence[order]
+        if outline is not None:
+            confidence = np.concatenate([confidence, _OUTLINE_PRECISION * outline.confidence])
+            pixels = np.concatenate([pixels, outline.pixels])
+        targets = Targets(pixels, confidence, len(small.fixed), options.noise_mm)
         prior = ExpressionPrior(options.expression_spread, options.expression_sparsity)
         state = descend(small, targets, prior, start_state(small, targets), options.rounds)
         return PhotoStart(found, image_size, targets, prior, _camera_prior(options, image_size), state)
@@ -286,7 +305,8 @@ class PhotoFitter:
         w_exp = fit.expression_weights
         places = small.place_contour(fit.project(person.candidates(w_exp)), fit.rotation, targets.contour)
         reprojection = np.full((self.scheme.n_points, 2), np.nan)
-        reprojection[order] = fit.project(person.expression_matrix(places) @ w_exp)
+        points = fit.project(person.expression_matrix(places) @ w_exp)
+        reprojection[order] = points[: len(order)]  # without an outline's points
         return replace(fit, reprojection=reprojection)
 
 

@@ -14,6 +14,7 @@ from facewright.errors import DegenerateError
 from facewright.faces.contact import face_contacts
 from facewright.faces.face import Face
 from facewright.faces.pieces import FacePieces, Followers, face_pieces
+from facewright.fitting.outline import Outline
 from facewright.mesh.laplacian import cotangent_laplacian, mass_matrix
 from facewright.mesh.normals import vertex_normals
 from facewright.numeric.check import check_finite, check_shape
@@ -27,6 +28,8 @@ _EXPECTED_MM = 4.0
 _MIN_POINTS = 8
 #: Lips and lids nearer than this in the photo's fit are closed: the photo does not tell how they part.
 _CLOSED_MM = 0.3
+#: Points whose surface faces away are as uncertain as at this cosine.
+_LEAST_FACING = 0.2
 #: A point is left out if the others predict it worse than so many standard deviations.
 _BAD_SIGMAS = 4.5
 #: At most this share of the points is left out.
@@ -63,6 +66,18 @@ class Anchors:
         shares = np.zeros((len(corners), 3))
         shares[:, 0] = 1.0
         return cls(corners, shares, np.asarray(noise_mm, dtype=np.float64))
+
+    def with_outline(self, outline: Outline, use: NDArray[np.bool_], noise_mm: float) -> Anchors:
+        """Return these anchors and then the `use`d ones of an outline, whose clearest points have the given noise."""
+        corners = np.stack([outline.first, outline.second, outline.second], axis=1)[use]
+        shares = np.stack([1.0 - outline.fraction, outline.fraction, 0.0 * outline.fraction], axis=1)[use]
+        # the outline's own points are seen edge on: that does not make them less certain
+        noise = _LEAST_FACING * noise_mm / np.sqrt(outline.confidence[use])
+        return Anchors(
+            np.concatenate([self.corners, corners]),
+            np.concatenate([self.shares, shares]),
+            np.concatenate([self.noise_mm, noise]),
+        )
 
     def __len__(self) -> int:
         return len(self.corners)
@@ -204,7 +219,7 @@ class LandmarkResidual:
         points = self.anchors.at(seen)
         per_pixel = points[:, 2:] / [intrinsics.focal_x, intrinsics.focal_y]  # millimetres at the point's depth
         wanted = np.where(use[:, None], (pixels - intrinsics.project(points)) * per_pixel, 0.0)
-        noise = self.anchors.noise_mm / np.maximum(_facing(self.face, seen, self.anchors), 0.2)
+        noise = self.anchors.noise_mm / np.maximum(_facing(self.face, seen, self.anchors), _LEAST_FACING)
         coefficients = _robust_kriging(self._prior, noise, wanted, use)
         surface = np.zeros((len(self._columns), 3))  # parallel to the image plane: no depth
         surface[:, :2] = self._scale * (self._columns @ coefficients)

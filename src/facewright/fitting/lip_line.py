@@ -29,7 +29,7 @@ _OPEN = 0.03
 _CLEAR_UPPER, _CLEAR_LOWER = 8.0, 3.0
 #: Brightness and two hues, orthonormal; and the least spread of each within a lip, as shares of white: shadow alone
 #: says less than another hue.
-_OPPONENT = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 0.0], [0.5, 0.5, -1.0]]) / np.sqrt([[3.0], [2.0], [1.5]])
+OPPONENT = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, 0.0], [0.5, 0.5, -1.0]]) / np.sqrt([[3.0], [2.0], [1.5]])
 _LEAST_SPREAD = np.array([0.05, 0.012, 0.012])
 #: Cost of a bend of the edge between neighbouring places, per squared share of `_EXPECTED`.
 _STIFFNESS = 8.0
@@ -98,7 +98,7 @@ def _edge_shift(
     """Return by how much each of the inner points (N, 2) of one lip moves, pixels; `facing` is the other lip's edge."""
     N = len(inner)
     place, at = np.arange(N), np.linspace(0, N - 1, _COLUMNS)
-    inner_c, outer_c, facing_c = (_interpolated(p, place, at) for p in (inner, outer, facing))
+    inner_c, outer_c, facing_c = (interpolated(p, place, at) for p in (inner, outer, facing))
     lip = outer_c - inner_c
     thickness = np.linalg.norm(lip, axis=1)
     way = lip / np.maximum(thickness, 1e-9)[:, None]  # out of the mouth, into the lip
@@ -112,24 +112,25 @@ def _edge_shift(
     score = inside.mean(axis=2) - beyond.mean(axis=2)
     cost = -2.0 * score + 0.5 * (offsets / (_EXPECTED * iod)) ** 2
     cost[reach < 1.0] = 0.5 * (np.linspace(-1, 1, _OFFSETS) * 4) ** 2  # too narrow to see anything: stays
-    chosen = _smoothest_path(cost, offsets / (_EXPECTED * iod))
+    chosen = smoothest_path(cost, offsets / (_EXPECTED * iod))
     shift = ndimage.gaussian_filter1d(offsets[np.arange(_COLUMNS), chosen], 1.0, mode="nearest")
-    return np.asarray(np.interp(place, at, shift)[:, None] * _interpolated(way, at, place.astype(float)))
+    return np.asarray(np.interp(place, at, shift)[:, None] * interpolated(way, at, place.astype(float)))
 
 
 def _unlikeness(
     crop: NDArray[np.float32], inner: NDArray[np.float64], lip: NDArray[np.float64], clear: float
 ) -> NDArray[np.float32]:
     """Return how unlike the lip's colour each pixel is, (H, W), in [0, 1]: 0 below 0.4 `clear`, 1 above 1.4."""
-    own = _sampled_rgb(crop, inner[:, None] + np.linspace(0.4, 0.8, 7)[None, :, None] * lip[:, None]).reshape(-1, 3)
+    own = sampled_rgb(crop, inner[:, None] + np.linspace(0.4, 0.8, 7)[None, :, None] * lip[:, None]).reshape(-1, 3)
     centre = np.median(own, axis=0)
-    spread = 1.4826 * np.median(np.abs((own - centre) @ _OPPONENT.T), axis=0)
+    spread = 1.4826 * np.median(np.abs((own - centre) @ OPPONENT.T), axis=0)
     scale = np.maximum(spread, _LEAST_SPREAD)
-    z = (crop - centre.astype(np.float32)) @ (_OPPONENT / scale[:, None]).T.astype(np.float32)
+    z = (crop - centre.astype(np.float32)) @ (OPPONENT / scale[:, None]).T.astype(np.float32)
     return np.clip(np.sqrt((z**2).sum(axis=2)) / clear - 0.4, 0.0, 1.0).astype(np.float32)
 
 
-def _interpolated(values: NDArray[np.float64], at: NDArray, wanted: NDArray) -> NDArray[np.float64]:
+def interpolated(values: NDArray[np.float64], at: NDArray, wanted: NDArray) -> NDArray[np.float64]:
+    """Return values (N, D) given at places (N,), linearly interpolated at the wanted ones."""
     return np.stack([np.interp(wanted, at, values[:, k]) for k in range(values.shape[1])], axis=1)
 
 
@@ -137,17 +138,20 @@ def _sampled(image: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray
     return np.asarray(ndimage.map_coordinates(image, [points[..., 1], points[..., 0]], order=1, mode="nearest"))
 
 
-def _sampled_rgb(image: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def sampled_rgb(image: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the colours (..., 3) of an image (H, W, 3) at places (..., 2), bilinear."""
     return np.stack([_sampled(image[..., k], points) for k in range(3)], axis=-1)
 
 
-def _smoothest_path(cost: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return one offset per column that minimises cost plus stiffness times squared change (Viterbi)."""
+def smoothest_path(
+    cost: NDArray[np.float64], positions: NDArray[np.float64], stiffness: float = _STIFFNESS
+) -> NDArray[np.intp]:
+    """Return one offset per column (N, M) that minimises cost plus stiffness times squared change (Viterbi)."""
     n, m = cost.shape
     best = cost[0].copy()
     came = np.zeros((n, m), dtype=np.intp)
     for k in range(1, n):
-        change = best[:, None] + _STIFFNESS * (positions[k - 1][:, None] - positions[k][None]) ** 2
+        change = best[:, None] + stiffness * (positions[k - 1][:, None] - positions[k][None]) ** 2
         came[k] = change.argmin(axis=0)
         best = change.min(axis=0) + cost[k]
     path = np.empty(n, dtype=np.intp)

@@ -11,6 +11,7 @@ from scipy import ndimage
 from facewright.errors import ValueRangeError
 from facewright.faces.face import Face
 from facewright.imaging._warp_kernels import compose, gather_skin, mark_breaks
+from facewright.imaging.followed_points import meet_points
 from facewright.imaging.jacobian import Untangled, untangle
 from facewright.imaging.membrane import stretch_membrane
 from facewright.imaging.mesh_view import MeshView
@@ -19,7 +20,7 @@ from facewright.imaging.source_surface import BODY, SourceSurface
 from facewright.numeric.check import check_shape
 
 _CELLS = 56  # of the lattice, along the head
-_DATA, _OUTLINE, _PINNED, _BORDER = 4.0, 1.0, 1.5, 4.0  # strengths, beside a membrane of stiffness 1
+_DATA, _OUTLINE, _PINNED, _BORDER = 4.0, 16.0, 1.5, 4.0  # strengths, beside a membrane of stiffness 1
 _SOFT = 0.2  # stiffness beyond
 _PER_DISPLACEMENT = 3.2  # the field reaches beyond the hair by so many times the largest displacement, at least
 _FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
@@ -87,6 +88,7 @@ class HeadField:
         neck: float = 0.24,
     ) -> None:
         self.surface, self.size = surface, size
+        self._followed: NDArray[np.int32] | None = None
         self._hair, self._reach, self._neck = (float(share * surface.head_size) for share in (hair, reach, neck))
         self.step = max(1, round(surface.head_size / _CELLS))
         rows, cols = -(-size[0] // self.step), -(-size[1] // self.step)
@@ -98,6 +100,13 @@ class HeadField:
         self._prepare_distance()
         self._attributes = np.concatenate([surface.view.pixels.astype(np.float32), surface.weights], axis=1)
         self._table = np.array([*surface.outline_origin, surface.outline_scale], np.float32)
+
+    def follow(self, vertices: NDArray[np.integer]) -> None:
+        """Let maps look vertices (K,) up exactly where the photo shows them, see `meet_points`: rims of mouth and eyes.
+
+        For targets whose mouth and eyes show what they show in the photo.
+        """
+        self._followed = np.asarray(vertices, dtype=np.int32)
 
     def _prepare_distance(self) -> None:
         """Measure, on the lattice's part around the head in the photo, how far each cell is from it."""
@@ -186,6 +195,9 @@ class HeadField:
         displacement, share = compose(
             field, solid, (left, top), size, window, s, own, blend, (x0, y0), np.float32(_LEAST)
         )
+        if self._followed is not None:
+            moved, shown = (view.pixels[self._followed] for view in (target, surface.view))
+            meet_points(displacement, (left, top), moved, shown, surface.head_size)
         breaks = mark_breaks(seen.depth, layer, np.float32(self._depth_jump(target)))
         done: Untangled = untangle(displacement, breaks, (x0 - left, y0 - top))
         return HeadMap((left, top), displacement, seen, layer, (x0, y0), breaks, share, done.smallest)
