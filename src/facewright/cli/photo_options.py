@@ -34,4 +34,5 @@ FocalOption = Annotated[
 def say_remarks(remarks: Iterable[str]) -> None:
     """Say on stderr what was made of unusual input, a sentence a line."""
     for remark in remarks:
-        say_aside(remark[:1].upper() + remark[1:])
+        is_file = "." in remark.partition(" ")[0]  # names of files stay as they are
+        say_aside(remark if is_file else remark[:1].upper() + remark[1:])
