@@ -71,12 +71,16 @@ class PosePage:
             self.redo = self._button("redo", "Redo (Ctrl+Shift+Z)", lambda: self.hub.do("redo"))
             self._button("restart_alt", "Back to the neutral face; keyframes stay", lambda: self.hub.do("reset"))
             ui.element("div").classes("rule")
-            for icon, tip, yaw in (
-                ("face", "From the front (F)", 0.0),
-                ("face_3", "From three quarters", 35.0),
-                ("portrait", "From the side", 80.0),
-            ):
-                self._button(icon, tip, lambda yaw=yaw: self.view.look_from(yaw, 4.0 if yaw else 0.0))
+            with ui.row().classes("from gap-0 no-wrap"):
+                for label, tip, yaw in (
+                    ("Front", "From the front (F)", 0.0),
+                    ("¾", "From three quarters", 35.0),
+                    ("Side", "From the side", 80.0),
+                ):
+                    button = ui.button(
+                        label, on_click=lambda y=yaw: self.view.look_from(y, 4.0 if y else 0.0), color=None
+                    )
+                    button.props("flat dense no-caps").tooltip(tip)
             ui.element("div").classes("gap")
             if "holistic" in session.kinds:
                 choices = {"region": "Region-based", "both": "Side by side", "holistic": "Holistic"}

@@ -284,11 +284,11 @@ export default {
         const body = this.bodies[kind];
         body.active = handle;
         body.cursor = found && handle >= 0 && (kind === found.kind || this.held) ? found.point : null;
-        if (changed) body.setLook({ hovered: region });
+        if (changed) body.setLook({ hovered: kind === "region" ? region : -1 });
         else body.mark();
       }
       const name = region >= 0 ? this.shared.regions[region] : "";
-      this.$refs.hint.textContent = handle < 0 ? "" : `${name} · point ${handle}`;
+      this.$refs.hint.textContent = handle < 0 ? "" : `${found.kind === "region" ? `${name} · ` : ""}point ${handle}`;
       this.dirty = true;
     },
 
