@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from facewright.camera.rotation import FRONTAL
+from facewright.camera.rotation import FRONTAL, rotation_from_head_angles
 from facewright.errors import ValueRangeError
 from facewright.faces.acting import (
     FRAMES_PER_SECOND,
+    _head_pose,
     act_combination,
     act_neutral,
     act_range_of_motion,
@@ -136,3 +137,9 @@ def test_courses():
     assert drift.std(axis=0) == pytest.approx(1.0, abs=0.1) and np.abs(drift.mean(axis=0)).max() < 0.1
     assert gesture_weights({"mouthSmile*": 0.5}, "R")[SHAPE_INDEX["mouthSmile_R"]] == 0.5
     assert gesture_weights({"mouth*": 0.5}, "R")[SHAPE_INDEX["mouthRight"]] == 0.5
+
+
+def test_heads_are_posed_as_everywhere(rng):
+    angles = 20.0 * rng.normal(size=(5, 3))
+    rotations, _ = _head_pose(angles, np.zeros((5, 3)))
+    assert np.allclose(rotations, [rotation_from_head_angles(*row) for row in angles])

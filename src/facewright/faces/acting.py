@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
-from facewright.camera.rotation import rotation_from_head_angles
 from facewright.errors import ValueRangeError
 from facewright.faces.acting_emotion import EMOTIONS, Emotion, act_emotion, move_head
 from facewright.faces.acting_gestures import FACS_COMBINATIONS, RANGE_OF_MOTION
@@ -216,8 +216,10 @@ def _head_pose(
     angles: NDArray[np.float64], shifts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return rotations (T, 3, 3) and translations (T, 3), camera_from_model, of a head that turns on its neck."""
-    rotations = np.stack([rotation_from_head_angles(*row) for row in angles])
+    # rotation_from_head_angles for all frames at once: yaw, then pitch, then roll
+    turns = Rotation.from_euler("yxz", angles * [1.0, -1.0, -1.0], degrees=True)
     flip = np.array([1.0, -1.0, -1.0])
+    rotations = flip[:, None] * turns.as_matrix()
     translations = (NECK_MM + shifts) * flip - rotations @ NECK_MM + [0.0, 0.0, CAMERA_DISTANCE_MM]
     return rotations, translations
 
