@@ -83,6 +83,8 @@ def mend_labels(
         gain, best = _best_swap(points[busy] - places, missing[busy], places, pairs, precision, blocks)
         busy, best = busy[gain > _GAIN], best[gain > _GAIN]
         a, b = pairs[best].T
+        likely = _fits_after(points[busy] - places, missing[busy], places, a, b, precision)
+        busy, a, b = busy[likely], a[likely], b[likely]
         for array in (points, partner):
             array[busy, a], array[busy, b] = array[busy, b], array[busy, a].copy()
     missing = missing | _out_of_place(points - places, missing, precision, blocks)
@@ -111,6 +113,36 @@ def _best_swap(
     change[missing[:, a] | missing[:, b]] = 0.0
     best = change.argmin(axis=1)
     return -change[np.arange(T), best], best
+
+
+def _fits_after(
+    offsets: Array,
+    missing: NDArray[np.bool_],
+    places: Array,
+    a: NDArray[np.intp],
+    b: NDArray[np.intp],
+    precision: NDArray[np.floating],
+) -> NDArray[np.bool_]:
+    """Return for each frame whether a or b is where the others say once their labels are exchanged (F,).
+
+    A marker far out of place makes many exchanges look like a gain; of three labels in a ring the first exchange mends
+    one.
+    """
+    rows = np.arange(len(offsets))
+    swapped = offsets + places
+    swapped[rows, a], swapped[rows, b] = swapped[rows, b], swapped[rows, a].copy()
+    known = predict_missing(swapped - places, missing, precision)
+    pull = (known.reshape(len(rows), precision.shape[0]) @ precision).reshape(known.shape)
+    own = np.concatenate([3 * a[:, None] + np.arange(3), 3 * b[:, None] + np.arange(3)], axis=1)
+    # offsets of the pair from what all others say, and their covariance
+    covariance = np.linalg.inv(precision[own[:, :, None], own[:, None, :]])
+    both = np.concatenate([pull[rows, a], pull[rows, b]], axis=1)
+    off = np.einsum("fij,fj->fi", covariance, both)
+    costs = [
+        np.einsum("fi,fi->f", off[:, part], np.linalg.solve(covariance[:, part, part], off[:, part, None])[..., 0])
+        for part in (slice(0, 3), slice(3, 6))
+    ]
+    return np.asarray(np.minimum(*costs) < _OUTLIER)
 
 
 def _out_of_place(
