@@ -11,7 +11,7 @@ from facewright.faces.rigid_motion import rigid_vertices
 from facewright.models.character_contact import RADIUS_BINS, LidClearance, Seals
 
 #: Contacts, and below which gap they are drawn together, mm.
-_CONTACTS = {"lips": 0.6, "upper_lid_left": 2.0, "upper_lid_right": 2.0}
+_CONTACTS = {"lips": 0.6, "upper_lid_left": 0.6, "upper_lid_right": 0.6}
 _LEAST = 1e-3  # of a pair's change: what moves less does not give way
 _LID_MM = 6.0  # skin within this distance of an eyeball is its lids'
 _CLEAR_MM = 0.25
