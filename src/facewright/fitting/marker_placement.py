@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 LEAST_MARKERS = 20
 #: Sizes of faces relative to the template; beyond, the unit or the data are wrong.
 SCALES = (0.75, 1.3)
-_TURNS = 24
-_ROUNDS = 30
+_TURNS, _REFINED, _FEW = 16, 3, 100  # starting poses about the upright axis, how many go on, markers tried first
+_ROUNDS = 20
 _NORMAL_MM = (3.0, 0.7)  # deviation of markers from the fitted shape across the surface, from first to last round
 _TANGENTIAL = 0.03  # of the distance along the surface, relative to across: closest points say little about it
 _ROUGH_MM = 25.0
@@ -154,18 +154,20 @@ def _find_face(template: MarkerTemplate, points: Array) -> tuple[Similarity, flo
     inner = template.points[template.inner]
     inner = inner[:: max(1, len(inner) // 300)]
     tree = cKDTree(surface)
-    best, least = None, np.inf
+    few, sparse = points[:: max(1, len(points) // _FEW)], inner[::2]
+    starts = []
     for turn in np.arange(_TURNS) * (2 * np.pi / _TURNS):
         rotation = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix()
         start = Similarity(1.0, rotation, inner.mean(axis=0) - rotation @ points.mean(axis=0))
-        found = _iterate_closest(tree, surface, inner, points, start, 12, with_scale=False)
-        cost = _cover(tree, inner, found.apply(points))
-        if cost < least:
-            best, least = found, cost
-    assert best is not None
-    best = _iterate_closest(tree, surface, inner, points, best, 20, with_scale=False)
-    best = _iterate_closest(tree, surface, inner, points, best, 20, with_scale=True)
-    return best, _cover(tree, inner, best.apply(points))
+        pose = _iterate_closest(tree, surface, sparse, few, start, 10, with_scale=False)
+        starts.append((_cover(tree, sparse, pose.apply(few)), turn, pose))
+    found = []
+    for _, turn, start in sorted(starts, key=lambda entry: entry[0])[:_REFINED]:
+        pose = _iterate_closest(tree, surface, inner, points, start, 20, with_scale=False)
+        pose = _iterate_closest(tree, surface, inner, points, pose, 15, with_scale=True)
+        found.append((_cover(tree, inner, pose.apply(points)), turn, pose))
+    cost, _, best = min(found, key=lambda entry: entry[0])
+    return best, cost
 
 
 def _iterate_closest(
