@@ -38,14 +38,19 @@ def measure_locality(
     -------
     dict of str to float
         ``region_leak``, ``holistic_leak``: share of the squared motion on the other side of the face;
-        ``*_missed_mm``: how far from its target the dragged vertex stays.
+        ``*_elsewhere``: share of it outside the regions that hold the dragged vertex; ``*_missed_mm``: how far from its
+        target that vertex stays.
     """
     metrics: dict[str, float] = {}
     for name, model in (("region", region), ("holistic", holistic)):
         poser = RegionPoser(model, BETA, GAMMA)
-        leaks, missed = [], []
+        leaks, elsewhere, missed = [], [], []
         for corner in corners:
             poser.set_constraints([corner])
+            away = np.ones(len(reference), bool)
+            for ids in region.regions.members:
+                if corner in ids:
+                    away[ids] = False
             side = np.sign(reference[corner, 0])
             other = reference[:, 0] * side < 0
             for direction in _DIRECTIONS * [side, 1.0, 1.0]:
@@ -54,8 +59,10 @@ def measure_locality(
                 moved = poser.positions(zeta) - model.neutral
                 squared = (moved**2).sum(axis=1)
                 leaks.append(squared[other].sum() / squared.sum())
+                elsewhere.append(squared[away].sum() / squared.sum())
                 missed.append(np.linalg.norm(model.neutral[corner] + moved[corner] - target))
-        metrics |= {f"{name}_leak": float(np.mean(leaks)), f"{name}_missed_mm": float(np.mean(missed))}
+        for key, values in (("leak", leaks), ("elsewhere", elsewhere), ("missed_mm", missed)):
+            metrics[f"{name}_{key}"] = float(np.mean(values))
     return metrics
 
 

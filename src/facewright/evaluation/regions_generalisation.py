@@ -22,7 +22,7 @@ MOST_COMPONENTS = 15
 _NAMED = (1, 5, 10, 15)
 _MAIN = 10
 #: Components in all at which models are compared: this many times the number of regions.
-_TOTALS = (1, 3, 5)
+_TOTALS = (1, 3, 5, 10, 15)
 _SPARSE = 3
 _SPARSE_FRAMES = 700
 _SPARSE_ALPHA = 2.0

@@ -24,6 +24,7 @@ SUITES = (
     "edit",
     "component",
     "retarget",
+    "regions",
 )
 
 # For the ICT face on two cores: metric -> ("<=", ">=", "<" or ">", number or another metric). What the papers and the
@@ -62,6 +63,15 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
         "fps": (">=", 15.0),
         "coefficient_mae": ("<", "neutral_mae"),
         "active_mae": ("<", "neutral_active_mae"),
+    },
+    "regions": {
+        "region_rms_mm": ("<", "holistic_rms_mm"),
+        "region_spread_mm": ("<", "holistic_spread_mm"),
+        "region_below": (">=", 1.0),
+        "region_leak": ("<", "holistic_leak"),
+        "drag_us_397": ("<=", 100.0),
+        "drag_us_11248": ("<=", 700.0),
+        "crease_deg_boundary": ("<=", "crease_deg_inside"),
     },
 }
 
