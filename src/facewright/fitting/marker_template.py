@@ -79,7 +79,7 @@ class MarkerTemplate:
         precision = operator @ sparse.diags(1.0 / areas) @ operator
         solver = SymmetricSolver(precision)
         # variance is larger at borders and where the surface bends: sampled with a fixed draw
-        white = np.random.default_rng(0).standard_normal((len(areas), 256)) * np.sqrt(areas)[:, None]
+        white = np.random.default_rng(0).standard_normal((len(areas), 96)) * np.sqrt(areas)[:, None]
         variance = (solver.solve(operator @ (white / areas[:, None])) ** 2).mean(axis=1)
         return solver, 1.0 / np.sqrt(variance)
 
