@@ -79,6 +79,7 @@ class _Crop:
         from facewright.apps.photo_subject import followed_points
         from facewright.imaging.overlay import crop_around
         from facewright.imaging.synthesis import PhotoSynthesiser
+        from facewright.landmarks.person_mask import person_finder
 
         face = subject.face
         start, stop = face.topology.parts["face"]
@@ -86,7 +87,7 @@ class _Crop:
             subject.photo, subject.source.pixels[start:stop], margin=0.18, height=size
         )
         source = self._moved(subject.source)
-        self._synthesiser = PhotoSynthesiser(picture, source, face)
+        self._synthesiser = PhotoSynthesiser(picture, source, face, find_person=person_finder())
         self._synthesiser.field.follow(followed_points(face))
 
     def draw(self, view: MeshView) -> NDArray[np.uint8]:

@@ -248,6 +248,7 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
     from facewright.imaging.component_blend import blend_component
     from facewright.imaging.component_mask import SkinPixels, component_pixels
     from facewright.imaging.synthesis import PhotoSynthesiser
+    from facewright.landmarks.person_mask import person_finder
 
     check_choice("component", component, COMPONENTS)
     face = target.face
@@ -255,7 +256,7 @@ def transfer_between(target: PhotoSubject, reference: PhotoSubject, component: s
         raise TopologyError("target and reference must be fitted with models of one face, got two.")
     level = component_level(face, component)
     view, weights = _new_view(target, reference, component, level)
-    warped = PhotoSynthesiser(target.photo, target.source, face).draw(view)
+    warped = PhotoSynthesiser(target.photo, target.source, face, find_person=person_finder()).draw(view)
     box = _box(face, view, target.photo.shape[:2])
     there = _box(face, reference.source, reference.photo.shape[:2])
     pixels = SkinPixels.of(face, _within(view, box), _size(box))
