@@ -14,7 +14,7 @@ from facewright.models.regions import Regions
 
 @pytest.fixture(scope="session")
 def face_models(builtin_face):
-    """Region-based (left and right of brows, cheeks and mouth) and holistic model of 200 vertices of the built-in face."""
+    """Region-based (both sides of brows, cheeks, mouth) and holistic model of 200 vertices of the built-in face."""
     skin = builtin_face.skin()
     sub = subsample_mesh(
         skin.mean_shape, skin.topology.faces, 200, within=performance_region(builtin_face), mirror=skin.topology.mirror

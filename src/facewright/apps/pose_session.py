@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from facewright.apps.pose_conflicts import pin_conflicts
-from facewright.apps.pose_state import PoseHistory, PoseState
-from facewright.errors import TopologyError, ValueRangeError
-from facewright.models.pose_keyframes import PoseKeyframes
-from facewright.models.region_fit import RegionFitter
+from facewright.apps.pose_solver import Gesture, PoseSolver
+from facewright.apps.pose_steps import PoseSteps
+from facewright.errors import ValueRangeError
 from facewright.models.region_model import RegionModel
-from facewright.models.region_poser import RegionPoser
 from facewright.models.region_symmetry import nearest_mirror
 from facewright.numeric.check import check_finite, check_indices, check_shape
 
@@ -25,16 +21,7 @@ BETA, GAMMA = 0.5, 0.025
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-@dataclass(frozen=True, eq=False)
-class _Gesture:
-    """Constraints as they were solved last, and from where: changed weights solve them again."""
-
-    vertices: NDArray[np.int64]
-    targets: NDArray[np.float64]
-    rest: Mapping[str, NDArray[np.float64]]
-
-
-class PoseSession:
+class PoseSession(PoseSteps):
     """One person's work on one model: a pose, pins, keyframes and the steps that led there.
 
     Parameters
@@ -65,59 +52,21 @@ class PoseSession:
         gamma: float = GAMMA,
         autosave: Path | None = None,
     ) -> None:
-        models = {"region": model}
-        if holistic is not None:
-            if not np.array_equal(holistic.faces, model.faces) or holistic.n_vertices != model.n_vertices:
-                raise TopologyError("holistic model must be of the region-based model's mesh, got another mesh.")
-            if len(holistic.bases) != 1:
-                raise ValueRangeError(f"holistic model must have one region, got {len(holistic.bases)}.")
-            models["holistic"] = holistic
-        self.models = models
-        self.autosave = autosave
-        self.state = PoseState(
-            {kind: _at_rest(one) for kind, one in models.items()},
-            {kind: PoseKeyframes.none(one.n_coefficients) for kind, one in models.items()},
-            beta=beta,
-            gamma=gamma,
-        )
-        self._posers = {kind: RegionPoser(one, beta, gamma) for kind, one in models.items()}
-        self._positions = {kind: np.zeros((model.n_vertices, 3), np.float32) for kind in models}
+        super().__init__(PoseSolver(model, holistic, beta, gamma), beta, gamma, autosave)
         self.mirror = nearest_mirror(model.neutral)
-        self._history = PoseHistory(self.state)
-        self._gesture: _Gesture | None = None
         self._grabbed: NDArray[np.int64] | None = None  # vertices that follow the hand, the grabbed one first
         self._grabbed_at: NDArray[np.float64] = np.zeros((0, 3))
-        self._sought = False  # whether `seek` has changed the pose since the last step
-        self._place()
 
     # What there is
-
-    @property
-    def model(self) -> RegionModel:
-        """The region-based model."""
-        return self.models["region"]
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of models that are posed: "region" and perhaps "holistic"."""
-        return tuple(self.models)
 
     @property
     def dragging(self) -> bool:
         """Whether a vertex is held."""
         return self._grabbed is not None
 
-    def coefficients(self, kind: str = "region") -> NDArray[np.float64]:
-        """Return zeta (P,) of a model."""
-        return self.state.coefficients[self._checked(kind)]
-
-    def positions(self, kind: str = "region") -> NDArray[np.float32]:
-        """Return the posed vertices (N, 3), mm, in a buffer that the next change overwrites."""
-        return self._positions[self._checked(kind)]
-
     def boundary_gap(self) -> tuple[float, float]:
         """Return mean and largest distance between the regions' own boundaries before blending, mm."""
-        gaps = self._posers["region"].blend.gaps(self.coefficients())
+        gaps = self._solver.posers["region"].blend.gaps(self.coefficients())
         return gaps.mean_mm, gaps.max_mm
 
     # Dragging
@@ -181,9 +130,8 @@ class PoseSession:
         self._grabbed_at = self.positions()[self._grabbed].astype(np.float64)
         pinned = [v for v in self.state.pins if v not in self._grabbed]
         vertices = np.concatenate([self._grabbed, np.array(pinned, dtype=np.int64)])
-        self._gesture = _Gesture(vertices, np.zeros((len(vertices), 3)), self.state.coefficients)
-        for poser in self._posers.values():
-            poser.set_constraints(vertices)
+        self._gesture = Gesture(vertices, np.zeros((len(vertices), 3)), self.state.coefficients)
+        self._solver.constrain(vertices)
 
     # Pins
 
@@ -235,7 +183,7 @@ class PoseSession:
 
     def conflicts(self) -> tuple[str, ...]:
         """Say in one sentence which pins the face cannot meet, alone or together; empty where all are met."""
-        return pin_conflicts(self._posers["region"], self.state.pins, self.coefficients())
+        return pin_conflicts(self._solver.posers["region"], self.state.pins, self.coefficients())
 
     # Weights and modes
 
@@ -252,7 +200,7 @@ class PoseSession:
             beta=self.state.beta if beta is None else float(beta),
             gamma=self.state.gamma if gamma is None else float(gamma),
         )
-        self._set_weights(state.beta, state.gamma)
+        self._solver.set_weights(state.beta, state.gamma)
         self.state = state
         if self._gesture is not None:
             self._solve(self._gesture)
@@ -265,17 +213,12 @@ class PoseSession:
         if symmetric != self.state.symmetric:
             self._commit("symmetry", symmetric=bool(symmetric))
 
-    def _set_weights(self, beta: float, gamma: float) -> None:
-        for poser in self._posers.values():
-            if (poser.beta, poser.gamma) != (beta, gamma):
-                poser.set_weights(beta, gamma)
-
     # The whole pose
 
     def reset(self) -> None:
         """Return to the neutral face; pins go, keyframes stay."""
         self.release()
-        self._commit("reset", coefficients={kind: _at_rest(one) for kind, one in self.models.items()}, pins={})
+        self._commit("reset", coefficients=self._solver.at_rest(), pins={})
 
     def set_pose(self, coefficients: ArrayLike) -> None:
         """Take a pose (P,) of the region-based model; a holistic one comes as near to it as it can.
@@ -296,210 +239,22 @@ class PoseSession:
 
     def as_holistic(self, zeta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the holistic model's coefficients that come nearest to a pose (P,) of the region-based one."""
-        moved = self._posers["region"].positions(zeta) - self.model.neutral
-        return np.asarray(RegionFitter(self.models["holistic"], 0.0).fit(moved[None])[0])
-
-    # Time
-
-    def set_key(self, time: float | None = None) -> None:
-        """Keep the present pose as a keyframe, here or at another time, seconds.
-
-        Raises
-        ------
-        ValueRangeError
-            If the time is negative or not finite.
-        """
-        self.release()
-        at = self.state.time if time is None else float(time)
-        keys = {kind: keys.with_key(at, self.coefficients(kind)) for kind, keys in self.state.keyframes.items()}
-        self._commit("set key", keyframes=keys, time=at, keep=True)
-
-    def delete_key(self, index: int) -> None:
-        """Remove keyframe number `index`.
-
-        Raises
-        ------
-        ValueRangeError
-            If there is no such keyframe.
-        """
-        self.release()
-        self._commit("delete key", keyframes={k: keys.without(index) for k, keys in self.state.keyframes.items()})
-
-    def move_key(self, index: int, time: float) -> None:
-        """Bring keyframe number `index` to another time, seconds.
-
-        Raises
-        ------
-        ValueRangeError
-            If there is no such keyframe, or the time is negative or not finite.
-        """
-        self.release()
-        self._commit("move key", keyframes={k: keys.moved(index, time) for k, keys in self.state.keyframes.items()})
-
-    @property
-    def keyframes(self) -> PoseKeyframes:
-        """Keyframes of the region-based model."""
-        return self.state.keyframes["region"]
-
-    def seek(self, time: float) -> NDArray[np.float32]:
-        """Go to a time, seconds; with keyframes the pose becomes what it is there. Returns the positions (N, 3).
-
-        No step of its own; but where it left a pose that is no keyframe, `undo` first returns to that pose.
-
-        Raises
-        ------
-        ValueRangeError
-            If the time is negative or not finite.
-        """
-        self.release()
-        state = replace(self.state, time=float(time))
-        if len(self.keyframes):
-            poses = {kind: keys.at([state.time])[0] for kind, keys in state.keyframes.items()}
-            state = replace(state, coefficients=poses)
-        self.state, self._gesture, self._sought = state, None, True
-        self._place()
-        return self.positions()
-
-    def sample(self, times: ArrayLike, kind: str = "region") -> NDArray[np.float64]:
-        """Return the coefficients (T, P) of a model at `times` (T,), seconds; the present pose without keyframes."""
-        keys = self.state.keyframes[self._checked(kind)]
-        if len(keys):
-            return keys.at(times)
-        return np.repeat(self.coefficients(kind)[None], len(np.asarray(times)), axis=0)
-
-    # Steps
-
-    @property
-    def undo_label(self) -> str | None:
-        """What `undo` would take back; None if nothing."""
-        return self._history.undo_label
-
-    @property
-    def redo_label(self) -> str | None:
-        """What `redo` would do again; None if nothing."""
-        return self._history.redo_label
-
-    def undo(self) -> None:
-        """Take the last step back; a vertex that is held is let go where it was grabbed.
-
-        Raises
-        ------
-        ValueRangeError
-            If there is nothing to take back.
-        """
-        if self.dragging:
-            self.cancel()
-            return
-        self._restore(self._history.present if self._left_a_pose() else self._history.back())
-
-    def redo(self) -> None:
-        """Do the step again that was taken back last.
-
-        Raises
-        ------
-        ValueRangeError
-            If there is none.
-        """
-        self.cancel()
-        self._restore(self._history.forth())
-
-    def _restore(self, state: PoseState) -> None:
-        self._set_weights(state.beta, state.gamma)
-        self.state, self._gesture, self._sought = state, None, False
-        self._place()
-        self._save()
-
-    def _left_a_pose(self) -> bool:
-        """Tell whether `seek` left a pose that no keyframe holds."""
-        last = self._history.present
-        poses = last.keyframes["region"].coefficients
-        return self._sought and len(poses) > 0 and not (poses == last.coefficients["region"]).all(axis=1).any()
-
-    def take_up(self, state: PoseState) -> None:
-        """Go on from another state, such as a file's; the steps before are forgotten.
-
-        Raises
-        ------
-        ShapeError, ValueRangeError
-            If the state is of other models.
-        """
-        if set(state.coefficients) != set(self.models):
-            raise ValueRangeError(
-                f"state must pose {', '.join(self.models)}, got one that poses {', '.join(state.coefficients)}."
-            )
-        for kind, one in self.models.items():
-            check_shape(f"{kind} coefficients", state.coefficients[kind], one.n_coefficients)
-            check_shape(f"{kind} keyframes", state.keyframes[kind].coefficients, "K", one.n_coefficients)
-        for vertex in state.pins:
-            self._checked_vertex(vertex)
-        self._set_weights(state.beta, state.gamma)
-        self.state, self._gesture, self._grabbed, self._sought = state, None, None, False
-        self._history = PoseHistory(state)
-        self._place()
-
-    def _commit(self, label: str, *, keep: bool = False, merge: bool = False, **changes: Any) -> None:
-        """Make the present state, with changes, one step; `keep` what was solved last for changed weights."""
-        self.state = replace(self.state, **changes)
-        if not keep:
-            self._gesture = None
-            self._place()
-        self._sought = False
-        self._history.push(label, self.state, merge=merge)
-        self._save()
-
-    def _save(self) -> None:
-        if self.autosave is not None:
-            self.save(self.autosave)
-
-    def save(self, path: Path) -> None:
-        """Write the session to a .fwpose file.
-
-        Raises
-        ------
-        StoreError
-            If the file cannot be written.
-        """
-        from facewright.apps.pose_file import write_pose
-
-        write_pose(path, self.state, self.models)
+        return self._solver.as_holistic(zeta)
 
     # Solving
 
     def _solve_pins(self) -> None:
         vertices = np.array(list(self.state.pins), dtype=np.int64)
-        for poser in self._posers.values():
-            poser.set_constraints(vertices)
-        self._solve(_Gesture(vertices, np.array(list(self.state.pins.values())), self.state.coefficients))
+        self._solver.constrain(vertices)
+        self._solve(Gesture(vertices, np.array(list(self.state.pins.values())), self.state.coefficients))
 
-    def _solve(self, gesture: _Gesture) -> None:
-        poses = {
-            kind: poser.solve(gesture.targets, gesture.rest[kind], self._positions[kind])
-            for kind, poser in self._posers.items()
-        }
-        self.state = replace(self.state, coefficients=poses)
+    def _solve(self, gesture: Gesture) -> None:
+        self.state = replace(self.state, coefficients=self._solver.solve(gesture))
         self._gesture = gesture
-
-    def _place(self) -> None:
-        for kind, poser in self._posers.items():
-            poser.positions(self.state.coefficients[kind], self._positions[kind])
-
-    def _checked(self, kind: str) -> str:
-        if kind not in self.models:
-            raise ValueRangeError(f"kind must be one of {', '.join(self.models)}, got {kind!r}.")
-        return kind
 
     def _checked_vertex(self, vertex: int) -> int:
         check_indices("vertex", np.array([vertex]), self.model.n_vertices)
         return int(vertex)
-
-
-def _at_rest(model: RegionModel) -> NDArray[np.float64]:
-    """Return the coefficients (P,) of the face nearest to the neutral."""
-    lower = np.concatenate([np.zeros(0), *model.lower])
-    upper = np.concatenate([np.zeros(0), *model.upper])
-    mean = any(np.abs(one).max(initial=0.0) > 0 for one in model.means)
-    zeta = RegionFitter(model, BETA).fit(np.zeros((1, model.n_vertices, 3)))[0] if mean else np.zeros(len(lower))
-    return np.clip(zeta, lower, upper)
 
 
 def _checked_point(target: ArrayLike) -> NDArray[np.float64]:

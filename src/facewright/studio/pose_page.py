@@ -290,8 +290,8 @@ class PosePage:
         selected = session.keyframes.index_at(state.time, 0.02)
         self.timeline.set(times, state.time, -1 if selected is None else selected)
         self.delete.set_enabled(selected is not None)
-        keys = f"{len(times)} keyframe{'' if len(times) == 1 else 's'}"
-        self.clock.text = f"{keys}, {session.keyframes.duration:.2f} s" if times else "no keyframes"
+        keys = f"{len(times)} key{'' if len(times) == 1 else 's'}"
+        self.clock.text = f"{keys}, {session.keyframes.duration:.2f} s" if times else "no keys"
         mean, most = session.boundary_gap()
         self.state.text = f"boundaries {mean:.2f} mm apart before blending (most {most:.2f})"
         self.saved.text = f"saved in {session.autosave.name}" if session.autosave else "not saved"

@@ -98,9 +98,9 @@ export class Body {
     for (const [name, array] of Object.entries(this.drawn)) this.geometry.setAttribute(name, attribute(array, name === "tint" ? 4 : 3));
     if (shared.uv) this.geometry.setAttribute("uv", new THREE.BufferAttribute(shared.uv, 2));
     this.geometry.setIndex(new THREE.BufferAttribute(shared.drawnFaces, 1));
-    this.materials = shared.groups.map(({ look }) => tinted(new THREE.MeshStandardMaterial({ vertexColors: true, ...LOOKS[look] })));
+    this.materials = shared.groups.map(({ look }) => tinted(new THREE.MeshStandardMaterial({ vertexColors: true, side: THREE.DoubleSide, ...LOOKS[look] })));
     shared.groups.forEach(({ start, count }, k) => this.geometry.addGroup(start, count, k));
-    this.quick = shared.groups.map(() => tinted(new THREE.MeshMatcapMaterial({ vertexColors: true })));
+    this.quick = shared.groups.map(() => tinted(new THREE.MeshMatcapMaterial({ vertexColors: true, side: THREE.DoubleSide })));
     this.mesh = new THREE.Mesh(this.geometry, this.materials);
     this.mesh.frustumCulled = false;
     this.wires = new THREE.Mesh(
