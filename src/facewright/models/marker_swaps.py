@@ -18,6 +18,7 @@ _REACH_MM = 30.0  # labels are mixed up between neighbours
 _ROUNDS = 6
 #: What a swap must gain in squared standard deviations, and beyond what a marker alone is implausible.
 _GAIN, _OUTLIER = 40.0, 60.0
+_SUSPECT = 15.0  # of a marker alone: only frames with such a one are searched for swaps
 _OUTLIER_MM = 2.5
 
 
@@ -76,7 +77,8 @@ def mend_labels(
     partner = np.tile(np.arange(M), (T, 1))
     pairs = cKDTree(places).query_pairs(_REACH_MM, output_type="ndarray")
     blocks = precision.reshape(M, 3, M, 3)
-    busy = np.arange(T)
+    costs, _ = _alone(points - places, missing, precision, blocks)
+    busy = np.flatnonzero(costs.max(axis=1) > _SUSPECT)
     for _ in range(_ROUNDS):
         if not len(busy) or not len(pairs):
             break
@@ -149,17 +151,25 @@ def _out_of_place(
     offsets: Array, missing: NDArray[np.bool_], precision: NDArray[np.floating], blocks: NDArray[np.floating]
 ) -> NDArray[np.bool_]:
     """Return the markers (T, M) far from where all others say they are; the worst of each frame first."""
+    gone, busy = missing.copy(), np.arange(len(offsets))
+    for _ in range(_ROUNDS):
+        cost, off = _alone(offsets[busy], gone[busy], precision, blocks)
+        strange = (cost > _OUTLIER) & (off > _OUTLIER_MM) & ~gone[busy]
+        worst = strange & (cost >= np.where(strange, cost, 0.0).max(axis=1, keepdims=True))
+        gone[busy] |= worst
+        busy = busy[worst.any(axis=1)]
+        if not len(busy):
+            break
+    return gone & ~missing
+
+
+def _alone(
+    offsets: Array, missing: NDArray[np.bool_], precision: NDArray[np.floating], blocks: NDArray[np.floating]
+) -> tuple[Array, Array]:
+    """Return how unlikely each marker is given all others (T, M), squared standard deviations, and how far off, mm."""
     T, M = offsets.shape[:2]
     own = np.linalg.inv(blocks[np.arange(M), :, np.arange(M)])
-    gone = missing.copy()
-    for _ in range(_ROUNDS):
-        known = predict_missing(offsets, gone, precision)
-        pull = (known.reshape(T, -1) @ precision).reshape(T, M, 3)
-        off = np.einsum("mij,tmj->tmi", own, pull)
-        cost = (off * pull).sum(axis=2)
-        strange = (cost > _OUTLIER) & (np.linalg.norm(off, axis=2) > _OUTLIER_MM) & ~gone
-        if not strange.any():
-            break
-        worst = strange & (cost >= np.where(strange, cost, 0.0).max(axis=1, keepdims=True))
-        gone |= worst
-    return gone & ~missing
+    known = predict_missing(offsets, missing, precision)
+    pull = (known.reshape(T, 3 * M) @ precision).reshape(T, M, 3)
+    off = np.einsum("mij,tmj->tmi", own, pull)
+    return (off * pull).sum(axis=2), np.linalg.norm(off, axis=2)
