@@ -13,7 +13,7 @@ from facewright.models._region_boundary import boundary_form
 from facewright.models._region_layout import RegionLayout
 from facewright.models.region_blend import Blend, blended_sequence
 from facewright.models.region_model import RegionModel
-from facewright.numeric.bounded_least_squares import solve_bounded_quadratic
+from facewright.numeric.box_pivoting import BoxPivoting
 from facewright.numeric.check import check_finite, check_shape
 
 _FLOOR = 1e-12  # of the system's scale: what no vertex says is zero
@@ -126,7 +126,8 @@ class RegionFitter:
             c[:, layout.coefficients(i)] += wanted.reshape(T, 3 * int(seen.sum())) @ B
         H, factor = system
         if self._bounded:
-            return solve_bounded_quadratic(H, c, self._lower, self._upper)
+            box = BoxPivoting(H, self._lower, self._upper)  # frames are near the ones before them
+            return np.stack([box.solve(row) for row in c]) if T else c
         return np.ascontiguousarray(cho_solve((factor, True), c.T).T) if H.size else c
 
 

@@ -16,7 +16,7 @@ from facewright.numeric.check import check_finite, check_shape
 from facewright.numeric.threads import one_blas_thread
 
 _RANK = 1e-10  # of the largest variance: below, a direction is rounding
-_STILL_MM = 1e-3  # a shape that moves a region less than this does not belong to it
+_STILL_MM = 0.02  # a shape that moves no vertex of a region this far does not belong to it
 _BATCH_BYTES = 64e6
 
 
@@ -116,7 +116,7 @@ def region_basis(
     Returns
     -------
     RegionModel
-        Coefficients are blendshape weights; a shape that moves no vertex of a region by a micrometre is left out there.
+        Coefficients are blendshape weights; a shape that moves no vertex of a region by 0.02 mm is left out there.
 
     Raises
     ------

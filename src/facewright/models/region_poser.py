@@ -14,7 +14,7 @@ from facewright.models._region_boundary import boundary_form
 from facewright.models._region_kernels import settle, update
 from facewright.models.region_blend import Blend, RegionBlend
 from facewright.models.region_model import RegionModel
-from facewright.numeric.bounded_least_squares import solve_bounded_quadratic
+from facewright.numeric.box_pivoting import BoxPivoting
 from facewright.numeric.check import check_indices, check_shape
 
 _FLOOR = 1e-12  # of the system's scale: keeps what neither a constraint nor beta nor gamma holds where it was
@@ -72,6 +72,7 @@ class RegionPoser:
         self._upper = np.concatenate([np.zeros(0), *model.upper])
         self.bounded = bool(np.isfinite(self._lower).any() or np.isfinite(self._upper).any())
         P = model.n_coefficients
+        self._box = BoxPivoting(np.eye(P), self._lower, self._upper)
         self._rest, self._free = np.full(P, np.nan), np.zeros(P)
         self._constraints = self._make_constraints(np.zeros(0, np.intp), np.zeros(0))
         self.set_weights()
@@ -182,7 +183,7 @@ class RegionPoser:
         made = self._constraints
         miss = made.weights * (goal[made.owner, made.axis] - made.origin)
         c = self._constant + self._pull * start + made.rows.T @ miss
-        return solve_bounded_quadratic(self._full, c, self._lower, self._upper, start=start)
+        return self._box.solve(c)
 
     def _make_constraints(self, vertices: NDArray[np.intp], weights: NDArray[np.float64]) -> _Constraints:
         model, layout = self.model, self.blend.layout
@@ -215,7 +216,7 @@ class RegionPoser:
         R, P = made.rows.shape
         weighted = made.rows * made.weights[:, None]
         if self.bounded:
-            self._full = self._system + made.rows.T @ weighted
+            self._box.replace(self._system + made.rows.T @ weighted)
             self._gain = np.zeros((R, P))
         elif R == 0 or P == 0:
             self._gain = np.zeros((R, P))
