@@ -9,6 +9,7 @@ import typer
 
 from facewright.cli import regions_train
 from facewright.cli.console import JsonOption, finish, progress_bar, say, say_aside
+from facewright.cli.wording import counted
 
 if TYPE_CHECKING:
     from facewright.apps.segment_regions import SegmentResult
@@ -99,6 +100,6 @@ def _show(result: SegmentResult) -> None:
         f"{regions.n_vertices} vertices are shared; symmetry {result.symmetry:.2f} (1 is perfect)."
     )
     if refused is not None:
-        say(f"{refused.n_clusters} would not be compact: {len(refused.lonely)} vertices in no triangle of theirs.")
+        say(f"With {refused.n_clusters}, {counted(len(refused.loose), 'region')} would not be compact.")
     for path in result.paths:
         say(f"Wrote {path}")
