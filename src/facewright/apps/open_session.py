@@ -8,7 +8,7 @@ from pathlib import Path
 
 from facewright.apps.pose_session import BETA, GAMMA, PoseSession
 from facewright.apps.posed_character import PosedCharacter, load_character
-from facewright.errors import StoreError, ValueRangeError
+from facewright.errors import MissingFaceError, StoreError, TopologyError, ValueRangeError
 
 Progress = Callable[[str, int, int], None]
 
@@ -24,8 +24,9 @@ class OpenSessionRequest:
     ----------
     model : Path, optional
         A region model (.fwrm); the default one of the built-in face where absent.
-    character : str
-        See `facewright.apps.posed_character.load_character`.
+    character : str, optional
+        See `facewright.apps.posed_character.load_character`; where absent the built-in face, or the model's own mesh
+        if that does not lie on a face.
     file : Path, optional
         A pose to go on with, and where steps are saved; a new `DEFAULT_FILE` in the working folder where absent.
     holistic : Path, optional
@@ -35,7 +36,7 @@ class OpenSessionRequest:
     """
 
     model: Path | None = None
-    character: str = "builtin"
+    character: str | None = None
     file: Path | None = None
     holistic: Path | None = None
     beta: float = BETA
@@ -88,7 +89,16 @@ def open_session(request: OpenSessionRequest, progress: Progress | None = None) 
     if file.exists():
         open_pose(file, session)
     session.autosave = file
-    return OpenedSession(session, load_character(request.character, session.models), title)
+    return OpenedSession(session, _character(request.character, session), title)
+
+
+def _character(name: str | None, session: PoseSession) -> PosedCharacter:
+    if name is not None:
+        return load_character(name, session.models)
+    try:
+        return load_character("builtin", session.models)
+    except (TopologyError, MissingFaceError):  # of a mesh that no face has
+        return load_character("none", session.models)
 
 
 def _unused(path: Path) -> Path:

@@ -16,9 +16,14 @@ def pose(
         typer.Argument(help="A region model (.fwrm, facewright regions train); the default one if absent."),
     ] = None,
     character: Annotated[
-        str,
-        typer.Option("--character", "-c", help="The face that is driven: builtin, ict, or none for the model's mesh."),
-    ] = "builtin",
+        str | None,
+        typer.Option(
+            "--character",
+            "-c",
+            help="The face that is driven: builtin, ict, or none for the model's mesh; the built-in face if absent, "
+            "where the model can drive it.",
+        ),
+    ] = None,
     file: Annotated[
         Path | None, typer.Option("--file", "-f", help="A pose (.fwpose) to go on with; every step is saved there.")
     ] = None,
