@@ -36,7 +36,7 @@ class MotionPrior:
     """
 
     shape: float = 0.35
-    field_mm: float = 2.0
+    field_mm: float = 1.5
     noise_mm: float = 0.3
     turn: float = 0.02
     shift_mm: float = 1.5
