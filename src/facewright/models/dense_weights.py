@@ -21,7 +21,7 @@ _LOOSE = 1e-9  # what nothing reaches stays
 _RESTORED = 1.5  # rows are scaled up by no more to make up for weights left out
 _REACHED = 0.3  # rows that sum to less are hardly reached, and learn less
 _COLUMNS = 64  # points solved for at a time
-_ROWS = 4096  # vertices that learn at a time
+_ROWS = 1024  # vertices that learn at a time
 _TRUST_MM = 3.0  # a misfit of this size in a shape is worth changing a whole weight of one
 
 
@@ -142,24 +142,36 @@ def learned_weights(
     check_shape("dense", dense, B, V, 3)
     result = weights.tocsr().copy()
     result.sort_indices()
-    k = int(np.diff(result.indptr).max(initial=0))
-    # Padded rows: place r of vertex v; an unused place has weight and freedom zero.
-    inside = np.arange(k) < np.diff(result.indptr)[:, None]
-    ids, prior = np.zeros((V, k), np.int64), np.zeros((V, k))
-    ids[inside], prior[inside] = result.indices, result.data
+    counts = np.diff(result.indptr)
+    order = np.argsort(counts, kind="stable")  # rows of about as many weights are padded together
     for start in range(0, V, _ROWS):
-        rows = slice(start, min(start + _ROWS, V))
-        X = np.asarray(coarse, dtype=np.float64)[:, ids[rows]].transpose(1, 2, 0, 3).reshape(-1, k, 3 * B)
-        Y = np.asarray(dense[:, rows], dtype=np.float64).transpose(1, 0, 2).reshape(-1, 1, 3 * B)
-        missing = Y - prior[rows, None] @ X
-        size = np.abs(prior[rows]) * inside[rows]
-        freedom = np.sqrt(size / np.maximum(size.sum(axis=1, keepdims=True), _REACHED)) / _TRUST_MM
-        X *= freedom[..., None]
-        gram = X @ X.transpose(0, 2, 1) + np.eye(k)
-        change = np.linalg.solve(gram, X @ missing.transpose(0, 2, 1))[..., 0]
-        prior[rows] += freedom * change
-    result.data = prior[inside]
+        rows = order[start : start + _ROWS]
+        inside = np.arange(int(counts[rows].max(initial=0))) < counts[rows][:, None]
+        if not inside.any():
+            continue
+        places = (result.indptr[rows][:, None] + np.arange(inside.shape[1]))[inside]
+        ids, prior = np.zeros(inside.shape, np.int64), np.zeros(inside.shape)
+        ids[inside], prior[inside] = result.indices[places], result.data[places]
+        result.data[places] = _adapted(prior, ids, coarse, np.asarray(dense)[:, rows])[inside]
     return result
+
+
+def _adapted(
+    prior: NDArray[np.float64],
+    ids: NDArray[np.int64],
+    coarse: NDArray[np.floating[Any]],
+    dense: NDArray[np.floating[Any]],
+) -> NDArray[np.float64]:
+    """Return weights (R, k) of the points `ids`, near `prior`, that give the motion `dense` (B, R, 3) more closely."""
+    B, k = len(coarse), prior.shape[1]
+    X = np.asarray(coarse, dtype=np.float64)[:, ids].transpose(1, 2, 0, 3).reshape(-1, k, 3 * B)
+    Y = np.asarray(dense, dtype=np.float64).transpose(1, 0, 2).reshape(-1, 1, 3 * B)
+    missing = Y - prior[:, None] @ X
+    size = np.abs(prior)
+    freedom = np.sqrt(size / np.maximum(size.sum(axis=1, keepdims=True), _REACHED)) / _TRUST_MM
+    X *= freedom[..., None]
+    gram = X @ X.transpose(0, 2, 1) + np.eye(k)
+    return np.asarray(prior + freedom * np.linalg.solve(gram, X @ missing.transpose(0, 2, 1))[..., 0])
 
 
 def _largest(
