@@ -8,12 +8,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.errors import ValueRangeError
 from facewright.evaluation.regions_behaviour import measure_boundaries, measure_locality
 from facewright.evaluation.regions_clusters import measure_segmentation
 from facewright.evaluation.regions_generalisation import measure_generalisation
 from facewright.evaluation.regions_session import register_session
 from facewright.evaluation.regions_speed import measure_speed
 from facewright.faces.face import Face
+from facewright.faces.performers import PERFORMER_NAMES
 from facewright.models.performer_data import PerformerData
 from facewright.models.region_pca import fit_region_pca
 from facewright.models.regions import Regions
@@ -26,7 +28,7 @@ _PER_REGION, _HOLISTIC_SHARE = 10, 0.98
 _CORNERS, _PINNED = (54, 48), (24, 8, 19)
 
 
-def run(face: Face, seed: int, progress: Progress | None = None) -> dict[str, float]:
+def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: int = 4) -> dict[str, float]:
     """Measure region-based models on the whole way from markers to drags.
 
     Four simulated performers act; cameras see markers, with noise, dropouts and swapped labels; every eighth frame (15
@@ -42,6 +44,8 @@ def run(face: Face, seed: int, progress: Progress | None = None) -> dict[str, fl
         Of performers, takes, noise and clustering.
     progress : callable, optional
         Called with stage, done, total.
+    subjects : int
+        Performers, 2 to 4, in the paper's order: M1, F1, M2, F2.
 
     Returns
     -------
@@ -51,7 +55,9 @@ def run(face: Face, seed: int, progress: Progress | None = None) -> dict[str, fl
         motion; ``segmentation_s`` and ``training_s``: processor time of M1's three segmentations and of one model of
         all four performers; ``frames``: registered; ``recorded``: 1 where the range of motion is the real recording's.
     """
-    session = register_session(face, seed, progress)
+    if not 2 <= subjects <= len(PERFORMER_NAMES):
+        raise ValueRangeError(f"subjects must be in [2, {len(PERFORMER_NAMES)}], got {subjects}.")
+    session = register_session(face, seed, progress, names=PERFORMER_NAMES[:subjects])
     first = session.performers[0]
     start = time.process_time()
     segmented = measure_segmentation(first, seed, progress)

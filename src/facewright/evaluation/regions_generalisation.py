@@ -69,7 +69,7 @@ def measure_generalisation(
         ``_1``, ``_5``, ``_10`` and ``_15`` components; ``_unseen_m1``: of the three performers that M1's model has not
         seen; ``region_below``: share of the 240 cells (training, test set, components) in which the region-based model
         is better, 1 in the paper. ``*_rms_mm_total_K`` with K components in all, trained with M1 (``_m1``) and with
-        all, beside ``sparse_rms_mm_total_K``.
+        all, beside ``sparse_rms_mm_total_K`` and ``sparse_zeros``, the share of zeros in those components.
     """
     performers, names = session.performers, [data.name for data in session.performers]
     tests = [data.displacements(*session.test) for data in performers]
@@ -92,8 +92,7 @@ def measure_generalisation(
         if count in (1, len(performers)):
             metrics |= _equal_totals(by_region, whole, tests, label)
             total = _SPARSE * len(regions.members)
-            sparse = _sparse_rms(moves, tests, total)
-            metrics[f"sparse_rms_mm_{label}_total_{total}"] = sparse
+            metrics |= _sparse(moves, tests, total, f"{label}_total_{total}")
     metrics["region_below"] = float(np.mean(below))
     return _with_main(metrics)
 
@@ -143,8 +142,8 @@ def _equal_totals(
     return metrics
 
 
-def _sparse_rms(moves: NDArray[np.float32], tests: list[NDArray[np.float32]], total: int) -> float:
-    """Return E_RMS of `total` sparse components, fitted to the tests by least squares.
+def _sparse(moves: NDArray[np.float32], tests: list[NDArray[np.float32]], total: int, suffix: str) -> dict[str, float]:
+    """Return E_RMS of `total` sparse components, fitted to the tests by least squares, and their share of zeros.
 
     Scikit-learn's dictionary learning with sparse codes over the coordinates (`MiniBatchSparsePCA`) stands in for
     SPLOCS (Neumann et al. 2013): its components are sparse, but nothing groups x, y and z of a vertex or keeps a
@@ -164,4 +163,5 @@ def _sparse_rms(moves: NDArray[np.float32], tests: list[NDArray[np.float32]], to
     for test in tests:
         rows = test.reshape(len(test), -1).astype(np.float64)
         errors.append(reconstruction_rms(test, (rows @ basis @ basis.T).reshape(test.shape)))
-    return float(np.mean(errors))
+    zeros = float(np.mean(components == 0))
+    return {f"sparse_rms_mm_{suffix}": float(np.mean(errors)), f"sparse_zeros_{suffix}": zeros}

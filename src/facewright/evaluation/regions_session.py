@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.faces.face import Face
-from facewright.faces.performers import NEUTRAL_NAME, Performer, SimulatedClip, simulate_performers
+from facewright.faces.performers import NEUTRAL_NAME, PERFORMER_NAMES, Performer, SimulatedClip, simulate_performers
 from facewright.fitting.marker_motion import MarkerRegistration
 from facewright.fitting.marker_placement import place_markers
 from facewright.fitting.marker_template import MarkerTemplate, marker_template
@@ -91,8 +91,10 @@ class RegisteredSession:
     recorded: bool
 
 
-def register_session(face: Face, seed: int, progress: Progress | None = None) -> RegisteredSession:
-    """Simulate four performers, record their markers with noise, dropouts and swaps, and register every clip.
+def register_session(
+    face: Face, seed: int, progress: Progress | None = None, *, names: tuple[str, ...] = PERFORMER_NAMES
+) -> RegisteredSession:
+    """Simulate performers, record their markers with noise, dropouts and swaps, and register every clip.
 
     Parameters
     ----------
@@ -102,6 +104,8 @@ def register_session(face: Face, seed: int, progress: Progress | None = None) ->
         Of performers, takes and noise.
     progress : callable, optional
         Called with stage, done, total.
+    names : tuple of str
+        Of the performers.
     """
     from facewright.apps.recorded_motion import read_recorded_motion
     from facewright.apps.simulate_performance import RECORDED_CURVES
@@ -109,7 +113,9 @@ def register_session(face: Face, seed: int, progress: Progress | None = None) ->
 
     curves = Path(os.environ.get("FACEWRIGHT_TEST_DATA", "") or "/nonexistent") / RECORDED_CURVES
     recorded = read_recorded_motion(curves, RATE) if curves.is_file() else None
-    performers = simulate_performers(face, np.random.default_rng(seed), recorded=recorded, progress=progress)
+    performers = simulate_performers(
+        face, np.random.default_rng(seed), names=names, recorded=recorded, progress=progress
+    )
     template = marker_template(face, N_VERTICES)
     errors, registered = RegistrationErrors(), []
     seconds, done, n_frames = 0.0, 0, 0
