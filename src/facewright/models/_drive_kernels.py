@@ -13,7 +13,7 @@ _CLOSED = 0.3  # of a pair's reach: a gap below is closed, one above the reach s
 def follow(moved, turns, carried, starts, columns, weights, rest, out):  # type: ignore[no-untyped-def]
     """Write rest + what follows `moved` (N, 3) into `out` (V, 3); `carried` (N, 3) receives turns (N, 3, 3) moved.
 
-    Rows of weights in CSR form.
+    Rows of weights in CSR form. Starts and columns are unsigned: no test for negative indices, half the time.
     """
     for n in range(moved.shape[0]):
         for c in range(3):

@@ -118,7 +118,7 @@ class DenseDriver:
         self.weights = weights
         self._blend = RegionBlend(model, blend)
         rows = weights.follow.tocsr()
-        self._starts, self._columns = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
+        self._starts, self._columns = rows.indptr.astype(np.uint32), rows.indices.astype(np.uint32)
         self._values = rows.data.astype(np.float32)
         self._rest = np.ascontiguousarray(weights.rest, dtype=np.float32)
         self._turns = np.ascontiguousarray(weights.turns, dtype=np.float64)
