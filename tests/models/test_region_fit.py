@@ -137,3 +137,10 @@ def test_bad_input_is_refused(rng):
     holes[1, 4] = np.nan
     with pytest.raises(ValueRangeError, match="finite"):
         fitter.fit(holes)
+
+
+def test_no_frames_have_no_coefficients(rng):
+    model = reference.small_model(rng)
+    fitter = RegionFitter(model)
+    assert fitter.fit(np.zeros((0, reference.N, 3))).shape == (0, 15)
+    assert fitter.reconstruct(np.zeros((0, 15))).shape == (0, reference.N, 3)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from facewright.errors import ShapeError, ValueRangeError
 from facewright.models.region_blend import RegionBlend
+from facewright.models.region_pca import fit_region_pca
 from facewright.models.region_poser import RegionPoser
 from facewright.models.regions import Regions
 
@@ -219,3 +220,13 @@ def test_bad_input_is_refused(rng):
         poser.solve(np.zeros((1, 3)), np.zeros(15), np.zeros((4, 3)))
     with pytest.raises(ValueRangeError, match="blend"):
         RegionPoser(model, blend="none")
+
+
+def test_a_model_that_never_moves_stays(rng):
+    moves = np.zeros((4, reference.N, 3))
+    model = fit_region_pca(moves, reference.grid_faces(), reference.grid_neutral(), reference.grid_regions(), 3)
+    poser = RegionPoser(model)
+    poser.set_constraints([4])
+    out = np.zeros((reference.N, 3))
+    assert poser.solve(model.neutral[[4]] + 1.0, np.zeros(0), out).shape == (0,)
+    np.testing.assert_array_equal(out, model.neutral)
