@@ -8,7 +8,7 @@ from facewright.errors import DegenerateError, ValueRangeError
 from facewright.faces.marker_faults import MarkerFaults, faulty_markers
 from facewright.faces.performers import simulate_performers
 from facewright.fitting.marker_placement import find_up, place_markers
-from facewright.fitting.marker_registration import RegistrationSettings, register_performer
+from facewright.fitting.marker_registration import RegistrationSettings, _usual_labels, register_performer
 from facewright.fitting.marker_template import marker_template
 from facewright.io.marker_data import MarkerData
 from facewright.mesh.closest_point import ClosestPoints
@@ -168,3 +168,10 @@ def test_refusals(scene, builtin_face):
 
 def test_up_is_found(scene, builtin_face):
     assert find_up(marker_template(builtin_face), scene[3][0]) == "y"  # z above
+
+
+def test_a_swap_at_rest_is_told_from_swaps_in_clips():
+    swapped = np.tile([1, 0, 2, 3], (9, 1))  # all frames against the one at rest
+    swapped[2, 2] = -1
+    swapped[4:6, 2:] = [3, 2]
+    assert _usual_labels([swapped[:4], swapped[4:]]).tolist() == [1, 0, 2, 3]

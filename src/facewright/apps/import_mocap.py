@@ -212,6 +212,8 @@ def _told(data: PerformerData) -> list[str]:
     total = {key: sum(clip[key] for clip in clips.values()) for key in ("relabelled", "out_of_place", "filled")}
     frames = sum(clip["frames"] for clip in clips.values())
     values = frames * data.statistics["markers"]
+    if data.statistics["relabelled_at_rest"]:
+        notes.append(f"{data.statistics['relabelled_at_rest']} markers at rest bore other labels than in most frames.")
     if total["relabelled"]:
         notes.append(f"{total['relabelled']} of {values} values bore another marker's label and got their own back.")
     if total["out_of_place"]:

@@ -59,6 +59,8 @@ class MarkerMotion:
     n_swapped, n_left_out, n_filled, n_beyond : int
         Values mended; see `mend_labels` and `fill_gaps`.
     longest_gap_s : float
+    partner : ndarray of shape (T, M), int
+        Whose label each marker bore, compared with the frame at rest; -1 where it was not seen or left out.
     """
 
     vertices: Array
@@ -70,6 +72,7 @@ class MarkerMotion:
     n_filled: int
     n_beyond: int
     longest_gap_s: float
+    partner: NDArray[np.intp]
 
 
 class MarkerRegistration:
@@ -192,6 +195,7 @@ class MarkerRegistration:
             gaps.n_filled,
             gaps.n_beyond,
             gaps.longest_s,
+            np.where(np.isnan(mended.offsets).any(axis=2), -1, mended.partner),
         )
 
     def _head_motion(self, positions: NDArray[np.floating], seen: NDArray[np.bool_]) -> RigidMotions:

@@ -127,13 +127,17 @@ def register_performer(
     registration = MarkerRegistration(template, placement, standoff_mm=settings.standoff_mm, prior=settings.prior)
     to_reference = estimate_similarity(registration.neutral, template.coarse.positions, with_scale=False)
     home = RigidMotions(to_reference.rotation[None], to_reference.translation[None])
-    done, markers, notes = [], {}, {}
+    done, markers, notes, partners = [], {}, {}, []
     for number, (clip_name, clip) in enumerate(clips.items()):
-        registered, mended, note = _register_clip(registration, clip_name, clip, labels, up, home, settings)
+        registered, mended, note, partner = _register_clip(registration, clip_name, clip, labels, up, home, settings)
         done.append(registered)
+        partners.append(partner)
         markers[clip_name], notes[clip_name] = mended, note
         if progress is not None:
             progress("registering clips", number + 1, len(clips))
+    usual = _usual_labels(partners)
+    for note, partner in zip(notes.values(), partners):
+        note["relabelled"] = int(((partner != usual) & (partner >= 0)).sum())
     data = PerformerData(
         name=name,
         faces=template.coarse.faces,
@@ -146,6 +150,7 @@ def register_performer(
         statistics={
             "neutral": told,
             "markers": len(labels),
+            "relabelled_at_rest": int((usual != np.arange(len(labels))).sum()),
             "up": up,
             "size": round(placement.scale, 4),
             "model_rms_mm": round(placement.model_rms_mm, 4),
@@ -209,8 +214,8 @@ def _register_clip(
     up: str,
     home: RigidMotions,
     settings: RegistrationSettings,
-) -> tuple[PerformerClip, Array, dict[str, Any]]:
-    """Return the clip, its mended markers in the placement's frame, and what was done."""
+) -> tuple[PerformerClip, Array, dict[str, Any], NDArray[np.intp]]:
+    """Return the clip, its mended markers in the placement's frame, what was done, and whose labels markers bore."""
     place = {label: k for k, label in enumerate(clip.labels)}
     positions = np.full((len(clip.times), len(labels), 3), np.nan)
     known = [k for k, label in enumerate(labels) if label in place]
@@ -240,14 +245,24 @@ def _register_clip(
         "frames_left_out": int((~usable).sum()),
         "labels_missing": [labels[k] for k in range(len(labels)) if labels[k] not in place],
         "labels_unknown": [label for label in clip.labels if label not in labels],
-        "relabelled": motion.n_swapped,
         "out_of_place": motion.n_left_out,
         "filled": motion.n_filled,
         "beyond_limit": motion.n_beyond,
         "longest_gap_s": round(motion.longest_gap_s, 4),
         "residual_mm": round(motion.residual_mm, 4),
     }
-    return registered, motion.markers[keep], notes
+    return registered, motion.markers[keep], notes, motion.partner
+
+
+def _usual_labels(partners: list[NDArray[np.intp]]) -> NDArray[np.intp]:
+    """Return the label (M,) that each marker bears in most frames: another one where the frame at rest had a swap."""
+    M = partners[0].shape[1]
+    count = np.zeros((M, M + 1), dtype=np.int64)
+    for partner in partners:
+        np.add.at(count, (np.broadcast_to(np.arange(M), partner.shape), partner), 1)
+    count = count[:, :M]  # -1 went to the last column
+    count[np.arange(M), np.arange(M)] += 1
+    return count.argmax(axis=1)
 
 
 def _kept(times: Array, rate: float | None) -> NDArray[np.intp]:
