@@ -1,4 +1,5 @@
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from facewright.errors import ShapeError
 from facewright.faces.appearance import albedo_function, sample_appearance, vertex_gloss, visible_faces
 from facewright.faces.simulate import simulate_person
 from facewright.imaging.inner_face import InnerFace
-from facewright.imaging.inner_parts import eyeball, rigid_motion, sphere_centre, turn_of_gaze
+from facewright.imaging.inner_parts import eyeball, openings, rigid_motion, sphere_centre, turn_of_gaze
 from facewright.imaging.mesh_view import MeshView
 from facewright.imaging.render import Lights, render_mesh
 from facewright.imaging.synthesis import PhotoSynthesiser
@@ -257,3 +258,26 @@ def test_rigid_motion_and_sphere_are_recovered(rng):
     np.testing.assert_allclose(found, rotation, atol=1e-9)
     np.testing.assert_allclose(moved, shift, atol=1e-9)
     np.testing.assert_allclose(sphere_centre(points + shift), shift, atol=0.2)
+
+
+def test_a_nose_before_the_far_eye_hides_it(person, builtin_face):
+    source = person.view(yaw=25.0)
+    photo = person.photo(source)
+    inner, field = InnerFace.of(photo, source, builtin_face), PhotoSynthesiser(photo, source, builtin_face).field
+    target = person.view(yaw=40.0, **BLINK)
+    found = field.map_of(target)
+    shown, (x, y) = found.fragments.face_index, found.fragments_origin
+    window = np.s_[y : y + shown.shape[0], x : x + shown.shape[1]]
+    faces, nose = builtin_face.topology.faces, np.zeros(builtin_face.topology.n_vertices, bool)
+    nose[: builtin_face.n_skin] = True
+    for opening in openings(builtin_face):  # the skin round the eyes is theirs
+        nose[opening.vertices] = False
+    inside = np.zeros(SIZE, bool)
+    inside[window] = nose[faces[shown]].any(axis=2) & (shown >= 0)
+    drawn = []
+    for front in (None, (shown, (x, y))):
+        touched = np.zeros(SIZE, bool)
+        inner._shading = SimpleNamespace(paint=lambda *_: None)  # which rightly changes the nose
+        inner.paint(photo.copy(), target, touched=touched, front=front)
+        drawn.append((touched & inside).sum())
+    assert drawn[0] > 10 and drawn[1] == 0

@@ -156,7 +156,7 @@ class _Recorder:
     def __init__(self):
         self.calls = []
 
-    def paint(self, image, target, gaze=None, touched=None):
+    def paint(self, image, target, gaze=None, touched=None, front=None):
         self.calls.append(gaze)
         image[0, 0] = 255 - image[0, 0]
         touched[0, 0] = True
@@ -182,11 +182,24 @@ def test_a_short_reach_changes_less_of_the_photo(scene, subject):
     assert near.smallest_jacobian > 0
 
 
-@pytest.mark.parametrize("name", ["hair", "reach", "neck"])
-@pytest.mark.parametrize("value", [0.0, -1.0, 3.0, float("nan")])
+@pytest.mark.parametrize("name", ["hair", "reach", "neck", "outline"])
+@pytest.mark.parametrize("value", [0.0, -1.0, 300.0, float("nan")])
 def test_options_must_be_in_range(name, value):
     with pytest.raises(ValueRangeError, match=name):
         SynthesisOptions(**{name: value})
+
+
+def test_a_firm_outline_moves_the_silhouette_farther(scene, subject):
+    """The far contour is where the mesh's is, not where the surroundings hold it."""
+    source, photo, _ = subject
+    wide = MeshView(
+        (source.pixels - source.pixels.mean(axis=0)) * [1.06, 1.0] + source.pixels.mean(axis=0), source.camera_vertices
+    )
+    moved = []
+    for outline in (1.0, 16.0):
+        drawn = PhotoSynthesiser(photo, source, scene.face, SynthesisOptions(outline=outline)).draw(wide)
+        moved.append(np.abs(drawn.image.astype(int) - photo).sum())
+    assert moved[1] > 1.02 * moved[0]
 
 
 def test_shapes_must_match(scene, subject):

@@ -78,7 +78,7 @@ class _Crop:
     def __init__(self, subject: PhotoSubject, size: int) -> None:
         from facewright.apps.photo_subject import followed_points
         from facewright.imaging.overlay import crop_around
-        from facewright.imaging.synthesis import PhotoSynthesiser
+        from facewright.imaging.synthesis import EDIT_OPTIONS, PhotoSynthesiser
         from facewright.landmarks.person_mask import person_finder
 
         face = subject.face
@@ -87,7 +87,7 @@ class _Crop:
             subject.photo, subject.source.pixels[start:stop], margin=0.18, height=size
         )
         source = self._moved(subject.source)
-        self._synthesiser = PhotoSynthesiser(picture, source, face, find_person=person_finder())
+        self._synthesiser = PhotoSynthesiser(picture, source, face, EDIT_OPTIONS, find_person=person_finder())
         self._synthesiser.field.follow(followed_points(face))
 
     def draw(self, view: MeshView) -> NDArray[np.uint8]:

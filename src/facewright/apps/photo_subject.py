@@ -180,10 +180,10 @@ class PhotoSubject:
 
         They come from the photo and follow the points of lips and lids; nothing opens, closes or turns.
         """
-        from facewright.imaging.synthesis import PhotoSynthesiser
+        from facewright.imaging.synthesis import EDIT_OPTIONS, PhotoSynthesiser
         from facewright.landmarks.person_mask import person_finder
 
-        synthesiser = PhotoSynthesiser(self.photo, self.source, self.face, find_person=person_finder())
+        synthesiser = PhotoSynthesiser(self.photo, self.source, self.face, EDIT_OPTIONS, find_person=person_finder())
         synthesiser.field.follow(followed_points(self.face))
         return synthesiser
 

@@ -20,7 +20,7 @@ from facewright.imaging.source_surface import BODY, SourceSurface
 from facewright.numeric.check import check_shape
 
 _CELLS = 56  # of the lattice, along the head
-_DATA, _OUTLINE, _PINNED, _BORDER = 4.0, 16.0, 1.5, 4.0  # strengths, beside a membrane of stiffness 1
+_DATA, _PINNED, _BORDER = 4.0, 1.5, 4.0  # strengths, beside a membrane of stiffness 1
 _SOFT = 0.2  # stiffness beyond
 _PER_DISPLACEMENT = 3.2  # the field reaches beyond the hair by so many times the largest displacement, at least
 _FREE = 0.12  # width of the neck beside the jaw that follows as it must, as a share of the head
@@ -76,6 +76,8 @@ class HeadField:
     hair, reach, neck : float
         As shares of the head's size: how far out everything follows nearly rigidly; how far beyond that the field
         ends, or farther where displacements are large; how far below the chin nothing moves.
+    outline : float
+        How firmly the photo's silhouette follows the mesh's, beside a membrane of stiffness 1.
     """
 
     def __init__(
@@ -86,8 +88,9 @@ class HeadField:
         hair: float = 0.14,
         reach: float = 0.22,
         neck: float = 0.24,
+        outline: float = 4.0,
     ) -> None:
-        self.surface, self.size = surface, size
+        self.surface, self.size, self._outline = surface, size, outline
         self._followed: NDArray[np.int32] | None = None
         self._hair, self._reach, self._neck = (float(share * surface.head_size) for share in (hair, reach, neck))
         self.step = max(1, round(surface.head_size / _CELLS))
@@ -184,7 +187,7 @@ class HeadField:
             window,
             cells,
             np.float32(_FAR * surface.head_size),
-            np.float32(_OUTLINE / _DATA * self.step),  # a cell has about `step` pixels of outline
+            np.float32(self._outline / _DATA * self.step),  # a cell has about `step` pixels of outline
             (np.float32(self.size[0]), np.float32(self.size[1])),
             np.float32(_BAND * surface.head_size),
         )

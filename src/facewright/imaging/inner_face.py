@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,6 @@ from facewright.imaging._inner_kernels import (
     GRAIN_X,
     LID,
     LID_R,
-    N_MOUTH_COLUMNS,
     N_SKIN_COLUMNS,
     RIM,
     SHEEN,
@@ -26,6 +24,7 @@ from facewright.imaging.colour import srgb_from_linear
 from facewright.imaging.expression_shading import ExpressionShading
 from facewright.imaging.eye_layer import LID_SHADOW, LID_SHADOW_MM
 from facewright.imaging.eye_turning import EyeTurning
+from facewright.imaging.inner_looks import NO_EYE, NO_LINE, NO_MOUTH, EyeLook, MouthLook
 from facewright.imaging.inner_parts import (
     EYE,
     SIDES,
@@ -59,69 +58,8 @@ _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
 #: Openings smaller than this, pixels, get more samples.
 _FINE_BELOW = 90
 _compose: Callable[..., None] = compose
-
-
-class _EyeLook(NamedTuple):
-    """What the kernel takes of an eye, in its order."""
-
-    grain: NDArray[np.float32]
-    lash_colour: NDArray[np.float32]
-    lash_line: NDArray[np.float32]
-    picture: NDArray[np.float32]
-    x: np.float32
-    y: np.float32
-    iris: NDArray[np.float64]
-    glint: NDArray[np.float32]
-    glint_x: np.float32
-    glint_y: np.float32
-
-
-class _MouthLook(NamedTuple):
-    """What the kernel takes of a mouth, in its order."""
-
-    columns: NDArray[np.float32]
-    flesh: NDArray[np.float32]
-    tooth: NDArray[np.float32]
-    wall: NDArray[np.float32]
-    depth_mm: np.float32
-    tongue: np.float32
-    key: np.float32
-    was_behind: np.float32
-    skull: NDArray[np.float32]
-    skull_map: NDArray[np.float64]
-    jaw: NDArray[np.float32]
-    jaw_map: NDArray[np.float64]
-
-
-_ZERO = np.float32(0)
-_NO_LINE = np.zeros((3, 0), np.float32)
-_NO_EYE = _EyeLook(
-    np.zeros((2, 2, 3), np.float32),
-    np.zeros(5, np.float32),
-    _NO_LINE,
-    np.zeros((2, 2, 3), np.float32),
-    _ZERO,
-    _ZERO,
-    np.ones(3),
-    np.zeros((2, 2, 3), np.float32),
-    _ZERO,
-    _ZERO,
-)
-_NO_LAYER, _NO_MAP, _NO_COLOUR = np.zeros((0, 0, 5), np.float32), np.zeros((8, 2)), np.zeros(3, np.float32)
-_NO_MOUTH = _MouthLook(
-    np.zeros((1, N_MOUTH_COLUMNS), np.float32),
-    _NO_COLOUR,
-    _NO_COLOUR,
-    _NO_COLOUR,
-    np.float32(1),
-    _ZERO,
-    _ZERO,
-    np.float32(1),
-    _NO_LAYER,
-    _NO_MAP,
-    _NO_LAYER,
-    _NO_MAP,
-)
+#: The triangle that each pixel of a box shows, and the box's first pixel.
+Front = tuple[NDArray[np.int32], tuple[int, int]]
 
 
 class InnerFace:
@@ -184,6 +122,7 @@ class InnerFace:
         target: MeshView,
         gaze: NDArray[np.floating] | None = None,
         touched: NDArray[np.bool_] | None = None,
+        front: Front | None = None,
     ) -> None:
         """Draw mouth and eyes into the warped photo, in place.
 
@@ -198,15 +137,18 @@ class InnerFace:
             Wanted yaw and pitch of the right and the left eyeball.
         touched : ndarray of shape (H, W), bool, optional
             Set where pixels were drawn.
+        front : tuple of ndarray of shape (h, w), int32, and (x, y), optional
+            The face's triangle that each pixel of a box shows, -1 for none, and where the box begins: nothing is drawn
+            where other skin is in front, as a nose is of the far eye. Without it nothing is in front.
         """
         sizes = check_shape("image", image, *self._size, 3)
         check_shape("target.pixels", target.pixels, self.face.topology.n_vertices, 2, **sizes)
         marks = np.zeros(self._size, np.bool_) if touched is None else touched
         for eye in self._eyes:
             own = None if gaze is None else np.asarray(gaze, np.float64)[SIDES.index(eye.opening.name)]
-            self._paint_eye(image, marks, eye, target, own)
+            self._paint_eye(image, marks, eye, target, own, front)
         if self._mouth is not None:
-            self._paint_mouth(image, marks, self._mouth, target)
+            self._paint_mouth(image, marks, self._mouth, target, front)
         self._shading.paint(image, marks, target, self._turning.of_head(target))
 
     def _paint_eye(
@@ -216,6 +158,7 @@ class InnerFace:
         eye: EyeSource,
         target: MeshView,
         gaze: NDArray[np.floating] | None,
+        front: Front | None,
     ) -> None:
         opening, lid = eye.opening, eye.lid
         ids = opening.vertices
@@ -239,10 +182,10 @@ class InnerFace:
         skin[:, RIM], skin[:, GRAIN_X:] = opening.near, lid.grain
         skin[balls, GRAIN_X:] = 0.5 * (places + self._turning.still_places(opening.name, target))
         x, y = eye.ball.origin
-        look = _EyeLook(
+        look = EyeLook(
             eye.grain,
             lid.lash_colour,
-            _NO_LINE,
+            NO_LINE,
             eye.ball.picture,
             np.float32(x),
             np.float32(y),
@@ -252,10 +195,15 @@ class InnerFace:
             np.float32(eye.ball.glint_origin[1]),
         )
         line = lid.lash_line(opening, pixels, skin[:, LID])
-        self._draw(image, marks, eye, target, mix, skin, (LID_SHADOW, LID_SHADOW_MM), look, _NO_MOUTH, line)
+        self._draw(image, marks, eye, target, mix, skin, (LID_SHADOW, LID_SHADOW_MM), look, NO_MOUTH, front, line)
 
     def _paint_mouth(
-        self, image: NDArray[np.uint8], marks: NDArray[np.bool_], source: MouthSource, target: MeshView
+        self,
+        image: NDArray[np.uint8],
+        marks: NDArray[np.bool_],
+        source: MouthSource,
+        target: MeshView,
+        front: Front | None,
     ) -> None:
         opening = source.opening
         ids = opening.vertices
@@ -274,7 +222,7 @@ class InnerFace:
         maps = [_layer_map(row, pixels, source.pixels, source.layers.origin) for row in source.rows]
         # the wider the mouth, the deeper light gets into it
         gap = float(np.percentile(_gap(opening, seen), 70))
-        look = _MouthLook(
+        look = MouthLook(
             columns,
             source.flesh,
             source.tooth,
@@ -289,7 +237,7 @@ class InnerFace:
             maps[1],
         )
         shadow = (LIP_SHADOW, behind_lip(opening, source.rows[0], seen))
-        self._draw(image, marks, source, target, mix, skin, shadow, _NO_EYE, look)
+        self._draw(image, marks, source, target, mix, skin, shadow, NO_EYE, look, front)
 
     def _wet(self, opening: Opening, seen: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how dark the lips' inner sides are, (M,), and the line between closing lips."""
@@ -307,8 +255,9 @@ class InnerFace:
         mix: float,
         skin: NDArray[np.float32],
         shadow: tuple[float, float],
-        eye: _EyeLook,
-        mouth: _MouthLook,
+        eye: EyeLook,
+        mouth: MouthLook,
+        front: Front | None,
         lashes: NDArray[np.float64] | None = None,
     ) -> None:
         """Find what the samples of an opening's box see in the target, and draw it."""
@@ -325,6 +274,8 @@ class InnerFace:
             ((y1 - y0) * step, (x1 - x0) * step),
             perspective=target.perspective,
         )
+        if front is not None:
+            self._hide(fragments.face_index, opening, front, (x0, y0, x1, y1), step)
         edges = upper_edges(fragments.face_index, opening.kinds, EYE)
         line = np.zeros((3, edges.shape[1]), np.float32)
         if lashes is not None and len(lashes):
@@ -336,6 +287,26 @@ class InnerFace:
             edges, px_per_mm(target, opening), np.float32(mix), skin, source.skin, np.float32(x), np.float32(y),
             np.float32(shadow[0]), np.float32(shadow[1]), *eye, *mouth, _ENCODE,
         )  # fmt: skip
+
+    def _hide(
+        self, drawn: NDArray[np.int32], opening: Opening, front: Front, box: tuple[int, int, int, int], step: int
+    ) -> None:
+        """Take samples out, in place, of pixels that show skin which is not of the opening."""
+        (x0, y0, x1, y1), (left, top) = box, front[1]
+        low, high = max(x0, left), min(x1, left + front[0].shape[1])
+        first, last = max(y0, top), min(y1, top + front[0].shape[0])
+        if high <= low or last <= first:
+            return
+        shown = front[0][first - top : last - top, low - left : high - left]
+        other = (self._foreign[opening.name][shown] & (shown >= 0)).repeat(step, axis=0).repeat(step, axis=1)
+        drawn[(first - y0) * step : (last - y0) * step, (low - x0) * step : (high - x0) * step][other] = -1
+
+    @cached_property
+    def _foreign(self) -> dict[str, NDArray[np.bool_]]:
+        """Triangles (F,) of the face's skin that are not of each opening."""
+        faces = self.face.topology.faces
+        skin = (faces < self.face.n_skin).all(axis=1)
+        return {o.name: skin & ~np.isin(faces, o.vertices).all(axis=1) for o in openings(self.face)}
 
     @cached_property
     def _key(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -40,17 +40,27 @@ class SynthesisOptions:
         So far beyond the hair the photo changes, farther only where the head moves far.
     neck : float
         So far below the chin nothing follows a jaw.
+    outline : float
+        How firmly the photo's silhouette follows the mesh's: more where the head stays and its shape changes, less
+        where it turns, for the photo's hair is not the mesh's.
     """
 
     hair: float = 0.14
     reach: float = 0.22
     neck: float = 0.24
+    outline: float = 4.0
 
     def __post_init__(self) -> None:
         for name in ("hair", "reach", "neck"):
             value = getattr(self, name)
             if not 0.02 <= value <= 2.0:
                 raise ValueRangeError(f"{name} must be in [0.02, 2], got {value}.")
+        if not 0.1 <= self.outline <= 100.0:
+            raise ValueRangeError(f"outline must be in [0.1, 100], got {self.outline}.")
+
+
+#: For changed shapes of a head that stays where it is.
+EDIT_OPTIONS = SynthesisOptions(outline=16.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,10 +135,9 @@ class PhotoSynthesiser:
         self.inner = inner
         self._looked_up = photo.astype(np.float32) if photo[..., 0].size <= _KEPT else photo
         self.surface = SourceSurface.of(source, face)
-        shares = {"hair": self.options.hair, "reach": self.options.reach, "neck": self.options.neck}
         self.mirrored = MirroredSkin.of(photo, self.surface, face)
         self.layers = PhotoLayers.of(photo, self.surface, find_person)
-        self.field = HeadField(self.surface, (photo.shape[0], photo.shape[1]), **shares)
+        self.field = HeadField(self.surface, (photo.shape[0], photo.shape[1]), **asdict(self.options))
 
     def draw(self, target: MeshView, gaze: NDArray[np.floating] | None = None) -> Synthesis:
         """Return the photo with its face as in `target`; `gaze` (2, 2) turns the eyeballs, radians.
@@ -155,5 +164,6 @@ class PhotoSynthesiser:
                 self.mirrored.paint(part, moved, self._looked_up, target, found.fragments, offset, shares)
             image[y : y + h, x : x + w], touched[y : y + h, x : x + w] = part, moved
         if self.inner is not None and (found is not None or gaze is not None):
-            self.inner.paint(image, target, gaze, touched)
+            front = None if found is None else (found.fragments.face_index, found.fragments_origin)
+            self.inner.paint(image, target, gaze, touched, front)
         return Synthesis(image, 1.0 if found is None else found.smallest_jacobian, found, touched)
