@@ -144,7 +144,7 @@ def test_pins_symmetry_keys_and_views(page):
     page.mouse.click(at["x"], at["y"])
     page.keyboard.up("Shift")
     _wait(page, f"facewrightPose.pins('region').some(([one]) => one === {handle})")
-    page.get_by_text(f"Point {handle}", exact=True).wait_for(timeout=1000 * WAIT_S)
+    page.get_by_text(f"Vertex {handle}", exact=True).wait_for(timeout=1000 * WAIT_S)
     page.mouse.move(at["x"], at["y"])
     page.keyboard.press("p")
     _wait(page, "facewrightPose.pins('region').length === 0")

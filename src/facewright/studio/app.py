@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -87,6 +88,11 @@ def serve_pose_page(
 
     if ready is not None:
         app.on_startup(lambda: ready(f"http://{options.host}:{port}/"))
+    with suppress(KeyboardInterrupt):  # the way to end it
+        _run(ui, root, port, options)
+
+
+def _run(ui: Any, root: Callable[[], None], port: int, options: StudioOptions) -> None:
     ui.run(
         root,
         host=options.host,

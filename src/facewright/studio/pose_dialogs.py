@@ -54,6 +54,6 @@ def export_dialog(hub: PoseHub, folder: Path) -> None:
             dialog.close()
 
         with ui.row().classes("w-full justify-end"):
-            ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
-            go = ui.button("Write", on_click=write).props("unelevated no-caps").style("color:#1b1405")
+            ui.button("Cancel", on_click=dialog.close, color=None).props("flat no-caps")
+            go = ui.button("Write", on_click=write).props("unelevated no-caps text-color=grey-10")
     dialog.on("hide", dialog.delete)

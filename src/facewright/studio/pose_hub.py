@@ -83,13 +83,16 @@ class PoseHub:
 
     def frame(self, answered: int = 0) -> bytes:
         """Return the positions of all kinds as one message: 4 uint32 and 4 float32 of header, then float32 xyz."""
-        if self._stale:
-            self.body.update(self.session)
-            self._stale = False
+        self._update()
         views = list(self.body.positions.values())
         head = np.array([_POSE, answered, len(views), len(views[0])], dtype="<u4").tobytes()
         state = np.array([self.session.state.time, self.solve_seconds, 0.0, 0.0], dtype="<f4").tobytes()
         return b"".join([head, state, *(view.tobytes() for view in views)])
+
+    def _update(self) -> None:
+        if self._stale:
+            self.body.update(self.session)
+            self._stale = False
 
     def pins_message(self) -> str:
         """Return where the pins are, as the pages draw them."""
@@ -177,7 +180,7 @@ class PoseHub:
 
         if self._attempt(drag):
             self._stale = True
-            self.frame()
+            self._update()
             self.solve_seconds = time.perf_counter() - begun
             for other in self.listeners - {listener}:
                 other.pose_changed.set()

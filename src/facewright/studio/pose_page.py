@@ -90,7 +90,7 @@ class PosePage:
                 ui.element("div").classes("gap")
             self._character()
             export = ui.button("Export", icon="ios_share", on_click=lambda: export_dialog(self.hub, self.folder))
-            export.props("no-caps unelevated dense").classes("q-px-md").style("color:#1b1405").tooltip(
+            export.props("no-caps unelevated dense text-color=grey-10").classes("q-px-md").tooltip(
                 "Write an animation, meshes or coefficients"
             )
 
@@ -313,7 +313,7 @@ class PosePage:
                 ui.label("None. Shift+click a point to hold it in place while you drag others.").classes("quiet")
             for vertex in pins:
                 with ui.element("div").classes("pin-row"):
-                    ui.html(f'<span class="dot"></span>Point {vertex}', sanitize=False)
+                    ui.html(f'<span class="dot"></span>Vertex {vertex}', sanitize=False)
                     self._button("close", "Let it go", lambda v=vertex: self.hub.do("unpin", v))
 
     def say(self, text: str, kind: str) -> None:

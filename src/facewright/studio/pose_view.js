@@ -288,7 +288,7 @@ export default {
         else body.mark();
       }
       const name = region >= 0 ? this.shared.regions[region] : "";
-      this.$refs.hint.textContent = handle < 0 ? "" : `${found.kind === "region" ? `${name} · ` : ""}point ${handle}`;
+      this.$refs.hint.textContent = handle < 0 ? "" : `${found.kind === "region" ? `${name} · ` : ""}vertex ${handle}`;
       this.dirty = true;
     },
 

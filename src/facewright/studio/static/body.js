@@ -18,18 +18,21 @@ const DOTS_VERTEX = `
   attribute float size;
   uniform float ratio;
   varying vec4 colour;
+  varying float edge;
   void main() {
     colour = tint;
+    edge = 2.0 / (size * ratio);
     vec4 eye = modelViewMatrix * vec4(position, 1.0);
     eye.xyz *= 1.0 - 2.2 / length(eye.xyz);  // a little in front of the skin
     gl_Position = projectionMatrix * eye;
     gl_PointSize = size * ratio;
+    if (tint.a < 0.02) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // nowhere
   }`;
 const DOTS_FRAGMENT = `
   varying vec4 colour;
+  varying float edge;
   void main() {
     float r = 2.0 * length(gl_PointCoord - 0.5);
-    float edge = fwidth(r);
     float inside = 1.0 - smoothstep(1.0 - edge, 1.0, r);
     if (colour.a * inside < 0.01) discard;
     vec3 shade = mix(colour.rgb, vec3(0.06, 0.07, 0.09), smoothstep(0.62, 0.62 + edge, r));
