@@ -79,6 +79,8 @@ def test_the_ict_face_can_wear_markers(ict_face):
     allowed = marker_region(ict_face, ict_face.mean_shape)
     assert 0.3 < allowed.mean() < 0.8
     inside = ict_face.mean_shape[: ict_face.n_skin][allowed]
+    for side in (-1, 1):  # nostrils
+        assert np.linalg.norm(inside - [7.0 * side, -5.0, 117.0], axis=1).min() > 3.0
     assert abs((inside[:, 0] > 0).mean() - 0.5) < 0.03
 
 

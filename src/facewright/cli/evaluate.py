@@ -16,7 +16,7 @@ def evaluate(
         str,
         typer.Argument(
             help="Suite: transfer, rigging, bilinear, photo, fusion, scan, registration, subject, scale, edit, "
-            "component or retarget."
+            "component, retarget or regions."
         ),
     ],
     faces: Annotated[str, typer.Option("--faces", help="Face: builtin, ict, or the path of a .npz file.")] = "builtin",

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from facewright.faces.face import Face
 from facewright.faces.performers import NEUTRAL_NAME, PERFORMER_NAMES, Performer, SimulatedClip, simulate_performers
-from facewright.fitting.marker_motion import MarkerRegistration
-from facewright.fitting.marker_placement import place_markers
-from facewright.fitting.marker_template import MarkerTemplate, marker_template
+from facewright.fitting.marker_registration import RegistrationSettings, register_performer
+from facewright.io.marker_data import MarkerData
 from facewright.mesh.closest_point import ClosestPoints
-from facewright.models.performer_data import PerformerClip, PerformerData
+from facewright.models.performer_data import PerformerData
 from facewright.models.procrustes import RigidMotions, rigid_motions
 
 Progress = Callable[[str, int, int], None]
@@ -116,75 +115,36 @@ def register_session(
     performers = simulate_performers(
         face, np.random.default_rng(seed), names=names, recorded=recorded, progress=progress
     )
-    template = marker_template(face, N_VERTICES)
-    errors, registered = RegistrationErrors(), []
-    seconds, done, n_frames = 0.0, 0, 0
-    total = sum(len(performer.clips) for performer in performers)
-    for performer in performers:
-        registration = _placed(performer, template, seed)
-        towards = rigid_motions(registration.neutral[None], template.points[template.coarse_places])
-        clips = []
-        for name in performer.clips:
-            clip = performer.clip(name)
-            start = time.process_time()
-            clips.append(_registered(clip, registration, towards, seed))
-            seconds += time.process_time() - start
-            done, n_frames = done + 1, n_frames + clips[-1].n_frames
-            if progress is not None:
-                progress("registering performances", done, total)
-        data = _performer_data(performer, template, towards.apply(registration.neutral[None])[0], clips)
+    settings = RegistrationSettings(n_vertices=N_VERTICES, neutral=NEUTRAL_NAME)
+    errors, registered, seconds = RegistrationErrors(), [], 0.0
+    for k, performer in enumerate(performers):
+        clips = {name: _thinned(performer.clip(name), seed) for name in performer.clips}
+        if progress is not None:
+            progress("recording performers", k + 1, len(performers))
+        start = time.process_time()
+        data = register_performer(clips, face, name=performer.name, settings=settings, progress=progress).data
+        seconds += time.process_time() - start
         _compare(performer, data, errors)
         registered.append(data)
-    minutes = n_frames / FRAMES_PER_SECOND / 60.0
+    n_frames = sum(clip.n_frames for data in registered for clip in data.clips)
     first = performers[0]
     return RegisteredSession(
-        tuple(registered), first.train, first.test, errors, seconds / minutes, n_frames, recorded is not None
+        tuple(registered),
+        first.train,
+        first.test,
+        errors,
+        60.0 * seconds * FRAMES_PER_SECOND / n_frames,
+        n_frames,
+        recorded is not None,
     )
 
 
-def _marker_rng(performer: Performer, name: str, seed: int) -> np.random.Generator:
-    return np.random.default_rng((seed, zlib.crc32(f"{performer.name}/{name}".encode())))
-
-
-def _placed(performer: Performer, template: MarkerTemplate, seed: int) -> MarkerRegistration:
-    """Find a performer's neutral and where the markers are, from the take at rest."""
-    rest = performer.clip(NEUTRAL_NAME).markers(_marker_rng(performer, NEUTRAL_NAME, seed)).positions
-    return MarkerRegistration(template, place_markers(template, np.nanmedian(rest, axis=0)))
-
-
-def _registered(
-    clip: SimulatedClip, registration: MarkerRegistration, towards: RigidMotions, seed: int
-) -> PerformerClip:
-    """Register every eighth frame of a clip; head at rest, as the template stands."""
-    markers = clip.markers(_marker_rng(clip.performer, clip.name, seed))
+def _thinned(clip: SimulatedClip, seed: int) -> MarkerData:
+    """Return every eighth frame of what the cameras saw of a clip."""
+    rng = np.random.default_rng((seed, zlib.crc32(f"{clip.performer.name}/{clip.name}".encode())))
+    markers = clip.markers(rng)
     step = max(1, round(1.0 / (FRAMES_PER_SECOND * float(np.median(np.diff(markers.times))))))
-    motion = registration.register(markers.positions[::step], markers.times[::step])
-    T = len(motion.vertices)
-    moved = RigidMotions(np.repeat(towards.rotations, T, axis=0), np.repeat(towards.translations, T, axis=0))
-    head = motion.recorded_from_head.compose(moved.inverse())
-    return PerformerClip(
-        clip.name,
-        markers.times[::step],
-        moved.apply(motion.vertices).astype(np.float32),
-        head.rotations,
-        head.translations,
-    )
-
-
-def _performer_data(
-    performer: Performer, template: MarkerTemplate, neutral: NDArray[np.float64], clips: list[PerformerClip]
-) -> PerformerData:
-    coarse = template.coarse
-    return PerformerData(
-        name=performer.name,
-        faces=coarse.faces,
-        neutral=neutral.astype(np.float32),
-        reference=template.points[template.coarse_places].astype(np.float32),
-        clips=tuple(clips),
-        template=template.face.name,
-        vertex_ids=coarse.vertex_ids,
-        mirror=coarse.mirror,
-    )
+    return MarkerData(markers.times[::step], markers.labels, markers.positions[::step])
 
 
 def _compare(performer: Performer, data: PerformerData, errors: RegistrationErrors) -> None:

@@ -21,6 +21,7 @@ SPACING_MM = 10.0
 
 #: Distances that markers keep, mm: from the line where lips meet, from the edges of the lids, from the nostrils.
 _OFF_LIPS_MM, _OFF_LIDS_MM, _OFF_NOSTRILS_MM = 5.5, 5.0, 4.0
+_NOSTRIL_MM = 9.0
 _CANDIDATES_PER_MM2 = 0.15
 #: Smallest distance of two markers relative to their mean spacing: of points that fill a surface at a smallest distance
 #: r, the nearest neighbours are 1.15 r apart on average.
@@ -106,7 +107,23 @@ def marker_region(face: Face, vertices: NDArray[np.floating]) -> NDArray[np.bool
         if len(sources):
             near = path_distances(points, faces, np.unique(sources), limit_mm=distance)
             allowed &= ~np.isfinite(near).any(axis=0)
+    if "nostrils" not in masks:
+        allowed &= ~_in_nostrils(points, vertex_normals(points, faces), face.topology.landmarks["ibug68"])
     return allowed
+
+
+def _in_nostrils(
+    points: NDArray[np.float64], normals: NDArray[np.float64], ibug68: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Return which points face the middle of a nostril, between tip, wing and base of the nose."""
+    inside = np.zeros(len(points), bool)
+    tip, base = points[ibug68[30]], points[ibug68[33]]
+    for wing in points[ibug68[[31, 35]]]:
+        middle = 0.2 * (tip + base) + 0.6 * wing + 0.2 * (tip - base) * [0.0, 1.0, 0.0]
+        towards = middle - points
+        near = np.linalg.norm(towards, axis=1) < _NOSTRIL_MM
+        inside |= near & ((towards * normals).sum(axis=1) > 0.0)
+    return inside
 
 
 def _beyond_jaw(points: NDArray[np.float64], ibug68: NDArray[np.int32]) -> NDArray[np.bool_]:
