@@ -215,7 +215,7 @@ def _colours(photo: NDArray[np.uint8], surface: SourceSurface, ids: NDArray[np.i
     small = block_means(part.astype(np.float32), n)
     at = (pixels - (x0, y0) + 0.5) / n - 0.5
     view = surface.view
-    shown = rasterise(at, view.depth, surface.faces, small.shape[:2], perspective=view.perspective)
+    shown = rasterise(at, view.depth, surface.faces, (small.shape[0], small.shape[1]), perspective=view.perspective)
     faces = np.maximum(shown.face_index, 0)
     skin = shown.covered & (surface.kinds[faces] == HEAD) & surface.front[surface.faces].all(axis=1)[faces]
     weight = ndimage.binary_erosion(skin, iterations=2).astype(np.float32)[..., None] + np.float32(1e-6)

@@ -56,7 +56,7 @@ def read_regions(path: str | os.PathLike[str]) -> Regions:
             f"{path}: expected version {_VERSION}, got {content.get('version')!r}: use a newer facewright."
         )
     n_vertices, entries = content.get("n_vertices"), content.get("regions")
-    if not _is_count(n_vertices) or not isinstance(entries, list) or not entries:
+    if not isinstance(n_vertices, int) or not _is_count(n_vertices) or not isinstance(entries, list) or not entries:
         raise FileFormatError(f'{path}: expected "n_vertices" and a list "regions", got other values.')
     members, names = [], []
     for number, entry in enumerate(entries, 1):
@@ -67,7 +67,7 @@ def read_regions(path: str | os.PathLike[str]) -> Regions:
         members.append(np.unique(np.array([min(i, 2**31 - 1) for i in ids], dtype=np.int32)))
         names.append(name)
     try:
-        return Regions(int(n_vertices), tuple(members), tuple(names))
+        return Regions(n_vertices, tuple(members), tuple(names))
     except ValueRangeError as error:
         raise FileFormatError(f"{path}: {error}") from error
 
