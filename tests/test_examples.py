@@ -14,6 +14,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*/*.py"))
 SLOW = {
     "bilinear_modes", "fit_astronaut", "captured_person", "fit_scan",
     "edit_astronaut", "transfer_astronaut", "animate_astronaut", "retarget_strip",
+    "markers_to_regions", "wink_and_smirk", "beta_and_gamma", "keyframes",
 }  # fmt: skip
 
 
