@@ -75,3 +75,16 @@ def test_names():
     assert region_title("region_07") == "Region 7" and region_title("left_brow") == "Left brow"
     with pytest.raises(ValueRangeError, match="character must be one of"):
         load_character("bob", {})
+
+
+@pytest.mark.parametrize("name", ["builtin", "none"])
+def test_a_twin_poses_the_same_in_buffers_of_its_own(session, name, rng):
+    character = load_character(name, session.models)
+    twin = character.twin()
+    one, other = np.empty_like(character.neutral), np.empty_like(character.neutral)
+    zeta = rng.normal(size=session.model.n_coefficients)
+    character.pose("region", zeta, one)
+    twin.pose("region", zeta, other)
+    np.testing.assert_array_equal(one, other)
+    mine = {id(value) for value in vars(character).values() if isinstance(value, dict)}
+    assert not any(id(value) in mine for key, value in vars(twin).items() if key in ("_drivers", "_blends"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 
 import numpy as np
@@ -41,6 +42,7 @@ class DenseCharacter:
         self.texture = painted_skin(face)
         self.handles = np.asarray(weights.follow.argmax(axis=0)).ravel().astype(np.int32)
         self.licence = face.licence
+        self._models, self._weights = models, weights
         self._drivers = {kind: DenseDriver(model, weights) for kind, model in models.items()}
         self._rest = models["region"].neutral
         self._turns = weights.turns
@@ -49,6 +51,12 @@ class DenseCharacter:
     def pose(self, kind: str, zeta: NDArray[np.float64], out: NDArray[np.float32]) -> None:
         """Write the posed vertices (V, 3), mm, of a kind of model into `out`."""
         self._drivers[kind].positions(zeta, out)
+
+    def twin(self) -> DenseCharacter:
+        """Return the same character with buffers of its own, for another thread."""
+        other = copy.copy(self)
+        other._drivers = {kind: DenseDriver(model, self._weights) for kind, model in self._models.items()}
+        return other
 
     def to_model(self, vertex: int, point: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return where the model's vertex shall be so that the character's comes to `point` (3,), mm."""

@@ -38,6 +38,9 @@ class PosedCharacter(Protocol):
     def pose(self, kind: str, zeta: NDArray[np.float64], out: NDArray[np.float32]) -> None:
         """Write the posed vertices (V, 3), mm, of a kind of model into `out`."""
 
+    def twin(self) -> PosedCharacter:
+        """Return the same character with buffers of its own, for another thread."""
+
     def to_model(self, vertex: int, point: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return where the model's vertex shall be so that the character's comes to `point` (3,), mm."""
 
@@ -58,6 +61,7 @@ class ModelMesh:
         from facewright.models.region_blend import RegionBlend
 
         model = models["region"]
+        self._models = models
         self.name = "none"
         self.topology = Topology("region model", model.n_vertices, model.faces)
         self.neutral = model.neutral.astype(np.float32)
@@ -70,6 +74,10 @@ class ModelMesh:
     def pose(self, kind: str, zeta: NDArray[np.float64], out: NDArray[np.float32]) -> None:
         """Write the posed vertices (V, 3), mm, of a kind of model into `out`."""
         self._blends[kind].positions(zeta, out)
+
+    def twin(self) -> ModelMesh:
+        """Return the same character with buffers of its own, for another thread."""
+        return ModelMesh(self._models)
 
     def to_model(self, vertex: int, point: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return `point`: the spaces are one."""

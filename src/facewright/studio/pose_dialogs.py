@@ -16,8 +16,8 @@ _FORMATS = {
 }
 
 
-def export_dialog(hub: PoseHub, folder: Path) -> None:
-    """Ask for format, place and rate, and write the animation."""
+def export_dialog(hub: PoseHub, folder: Path, kind: str) -> None:
+    """Ask for format, place and rate, and write the animation of a kind of model."""
     from facewright.apps.pose_export import PoseExportRequest, export_pose
     from facewright.errors import FacewrightError
 
@@ -26,21 +26,25 @@ def export_dialog(hub: PoseHub, folder: Path) -> None:
         n = len(hub.session.keyframes)
         what = f"{n} keyframes, {hub.session.keyframes.duration:.2f} s" if n else "no keyframes: the present pose"
         ui.label(what).classes("quiet")
-        kind = ui.select(_FORMATS, value="glb", label="Format").classes("w-full").props("dense outlined options-dense")
+        form = ui.select(_FORMATS, value="glb", label="Format").classes("w-full").props("dense outlined options-dense")
         name = ui.input("Where", value=str(folder / "pose.glb")).classes("w-full").props("dense outlined")
         rate = ui.number("Frames a second", value=30, min=1, max=240).classes("w-full").props("dense outlined")
 
         def renamed() -> None:
             place = Path(name.value)
             name.value = str(
-                place.with_suffix(f".{kind.value}") if kind.value in ("glb", "csv") else place.with_suffix("")
+                place.with_suffix(f".{form.value}") if form.value in ("glb", "csv") else place.with_suffix("")
             )
 
-        kind.on_value_change(renamed)
+        form.on_value_change(renamed)
 
         async def write() -> None:
             request = PoseExportRequest(
-                Path(name.value).expanduser(), kind.value, float(rate.value or 0), character=hub.body.character
+                Path(name.value).expanduser(),
+                form.value,
+                float(rate.value or 0),
+                character=hub.body.character.twin(),  # the page goes on meanwhile
+                kind=kind,
             )
             go.disable()
             try:

@@ -89,7 +89,7 @@ class PosePage:
                 self.views.tooltip("The same constraints on a region-based and on a holistic model")
                 ui.element("div").classes("gap")
             self._character()
-            export = ui.button("Export", icon="ios_share", on_click=lambda: export_dialog(self.hub, self.folder))
+            export = ui.button("Export", icon="ios_share", on_click=self._export)
             export.props("no-caps unelevated dense text-color=grey-10").classes("q-px-md").tooltip(
                 "Write an animation, meshes or coefficients"
             )
@@ -217,6 +217,9 @@ class PosePage:
     def _set_symmetric(self, symmetric: bool) -> None:
         if not self._quiet:
             self.hub.attempt(lambda: self.hub.session.set_symmetric(symmetric))
+
+    def _export(self) -> None:
+        export_dialog(self.hub, self.folder, "holistic" if self.shown == "holistic" else "region")
 
     def _show(self, which: str) -> None:
         self.shown = which
