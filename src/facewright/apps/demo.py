@@ -1,4 +1,4 @@
-"""The whole tour: a person captured, a database, its model, a photograph found in it, rigs to take along, a page."""
+"""The whole tour: a person captured, a database, its model, a photograph found in it, a face posed, rigs, a page."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from facewright.apps.demo_page import Figure, Section, write_demo_page
 from facewright.apps.demo_page import Picture as PagePicture
 from facewright.apps.demo_photo import draw_photo
 from facewright.apps.demo_pictures import Picture, fit_pictures, people_sheet, person_painter, person_texture
+from facewright.apps.demo_posing import DemoPosing, draw_posing
 from facewright.apps.explore_model import ExploreRequest, explore_model
 from facewright.apps.export import ExportRequest, demo_clip, export_rig
 from facewright.errors import NoFaceError
@@ -130,6 +131,7 @@ def _tour(out: Path, seed: int, start: float, progress: Progress | None) -> Demo
     texture = person_texture(photo, fit)
     _draw(out, face, photo, fit, texture, seed, progress)
     draw_photo(out, photo, detector, model, out / "model.fwbm", progress)
+    posing = draw_posing(out, face, progress)
     explore_model(ExploreRequest(model, out / "model.png", n_modes=3, size=(180, 156)), progress)
     clip = demo_clip(fit.rig.names)
     exported = export_rig(
@@ -150,7 +152,7 @@ def _tour(out: Path, seed: int, start: float, progress: Progress | None) -> Demo
         model_mb=database.model_bytes / 1e6,
         glb_mb=exported.n_bytes / 1e6,
     )
-    _write_page(out, result, database, fit)
+    _write_page(out, result, database, fit, posing)
     return result
 
 
@@ -212,7 +214,7 @@ def _plain_colours(face: Face) -> NDArray[np.uint8]:
     return np.round(np.clip(colours, 0, 1) * 255).astype(np.uint8)
 
 
-def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: PhotoFit) -> None:
+def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: PhotoFit, posing: DemoPosing) -> None:
     model = database.model
     yaw, pitch, roll = fit.head_angles_degrees
     sections = [
@@ -266,6 +268,15 @@ def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: Phot
             [[PagePicture("acted.png", "The photo, and five expressions.")],
              [PagePicture("acting.mp4", "Ten seconds of expressions, made by facewright animate.")]],
         ),
+        Section(
+            "A face posed by hand",
+            "Points of the built-in face are pulled one after the other (grey: where to; black: where it is; yellow: "
+            f"the last). Above, the face is {posing.n_regions} regions, found in a simulated performer's motion, that "
+            "share their boundaries: what is not pulled stays. Below, one model of the whole face and the same points: "
+            "everything follows (Tena et al. 2011, Fig. 1 and 7). To pose it yourself in the browser: facewright pose.",
+            [[PagePicture("posing.png", f"Regions ({posing.n_coefficients} coefficients) above, holistic "
+                          f"({posing.n_holistic}) below; the poses as an animation: posed.glb.")]],
+        ),
     ]  # fmt: skip
     figures = [
         Figure("capture to blendshapes", f"{result.capture_seconds:.0f} s", f"{database.n_frames} frames to 46 shapes "
@@ -287,6 +298,7 @@ def _write_page(out: Path, result: DemoResult, database: DemoDatabase, fit: Phot
     files = [
         ("person.glb", "the person as a rig with 46 morph targets, photo texture and a short animation: Blender, "
          "Unity, Unreal, three.js and others open it"),
+        ("posed.glb", f"the posed face as an animation of {posing.n_frames} frames"),
         ("faces.zarr", "the database: facewright warehouse ls faces.zarr"),
         (f"captures/{CAPTURED}/neutral/rgb.txt", "the recordings, as folders of pictures: facewright capture show"),
         ("acting.csv", "the film's curves as a Live Link Face recording: facewright animate PHOTO --curves acting.csv"),
