@@ -24,6 +24,8 @@ Progress = Callable[[str, int, int], None]
 
 #: Components of the models that are posed, and the share of the motion that the holistic one keeps.
 _PER_REGION, _HOLISTIC_SHARE = 10, 0.98
+#: Components of a holistic model that reconstructs as well as the region-based one.
+_DETAILED = 600
 #: ibug68: corners of the mouth (left, right), a brow, the chin, the other brow.
 _CORNERS, _PINNED = (54, 48), (24, 8, 19)
 
@@ -71,9 +73,10 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     whole = first.displacements()  # "trained with the complete motion capture set from subject M1", section 6
     provenance = {"template": first.template, "vertex_ids": first.vertex_ids.tolist()}
     neutral = first.reference.astype(np.float64)
-    region, holistic = (
+    one = Regions.holistic(first.n_vertices)
+    region, holistic, detailed = (
         fit_region_pca(whole, first.faces, neutral, parts, count, provenance=provenance)
-        for parts, count in ((regions, _PER_REGION), (Regions.holistic(first.n_vertices), _HOLISTIC_SHARE))
+        for parts, count in ((regions, _PER_REGION), (one, _HOLISTIC_SHARE), (one, _DETAILED))
     )
     corners = _nearest(face, first, _CORNERS)
     if progress is not None:
@@ -92,7 +95,7 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         "training_s": training_s,
         "frames": float(session.n_frames),
         "recorded": float(session.recorded),
-        **measure_boundaries(region, unseen),
+        **measure_boundaries(region, detailed, unseen),
         **general,
     }
 

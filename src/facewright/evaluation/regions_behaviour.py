@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from facewright.mesh.normals import face_area_vectors
 from facewright.models.region_blend import RegionBlend
-from facewright.models.region_fit import RegionFitter
+from facewright.models.region_fit import RegionFitter, reconstruction_rms
 from facewright.models.region_model import RegionModel
 from facewright.models.region_poser import RegionPoser
 
@@ -66,12 +66,16 @@ def measure_locality(
     return metrics
 
 
-def measure_boundaries(model: RegionModel, displacements: NDArray[np.floating]) -> dict[str, float]:
+def measure_boundaries(
+    model: RegionModel, holistic: RegionModel, displacements: NDArray[np.floating]
+) -> dict[str, float]:
     """Measure what differs at the regions' shared vertices, and what shows of it.
 
     Parameters
     ----------
     model : RegionModel
+    holistic : RegionModel
+        Of the same data, with components to spare.
     displacements : ndarray of shape (T, N, 3), millimetres
         Unseen frames.
 
@@ -79,9 +83,10 @@ def measure_boundaries(model: RegionModel, displacements: NDArray[np.floating]) 
     -------
     dict of str to float
         ``gap_mean_mm_beta_B`` and ``gap_max_mm_beta_B`` before blending, of fits of eq. 6 with beta B;
-        ``crease_deg_boundary`` and ``crease_deg_inside``: RMS over edges of how far the angle between the two triangles
-        is from that of the data, at edges with a shared vertex and at the others, beta 0.5, for both ways of blending
-        (``_gradient``); ``crease_ratio`` of the two.
+        ``crease_deg``: RMS over the edges with a shared vertex of how far the angle between their two triangles is from
+        that of the data, beta 0.5; ``crease_deg_gradient``: gaps spread in the gradient domain; ``crease_deg_still``:
+        nothing moved; ``crease_deg_holistic``: at the same edges with as many holistic components as it takes to
+        reconstruct as well, ``crease_components``; that model has no boundaries; ``crease_ratio`` of the two.
     """
     metrics = {}
     blend = RegionBlend(model)
@@ -92,19 +97,41 @@ def measure_boundaries(model: RegionModel, displacements: NDArray[np.floating]) 
         metrics[f"gap_max_mm_beta_{beta:g}"] = float(np.max([gap.max_mm for gap in gaps]))
     fitter = RegionFitter(model, BETA)
     zeta = fitter.fit(displacements)
-    pairs, boundary = _edge_pairs(model)
+    pairs = _boundary_edges(model)
     truth = _bends(model.neutral + displacements, model.faces, pairs)
-    for method, suffix in (("average", ""), ("gradient", "_gradient")):
-        made = _bends(model.neutral + fitter.reconstruct(zeta, method), model.faces, pairs)  # type: ignore[arg-type]
-        squared = ((made - truth) ** 2).mean(axis=0)
-        at, inside = (float(np.rad2deg(np.sqrt(squared[chosen].mean()))) for chosen in (boundary, ~boundary))
-        metrics |= {f"crease_deg_boundary{suffix}": at, f"crease_deg_inside{suffix}": inside}
-        metrics[f"crease_ratio{suffix}"] = at / inside
-    return metrics
+
+    def crease(moved: NDArray[np.floating]) -> float:
+        made = _bends(model.neutral + moved, model.faces, pairs)
+        return float(np.rad2deg(np.sqrt(((made - truth) ** 2).mean())))
+
+    found = fitter.reconstruct(zeta)
+    whole, count = _as_good(holistic, displacements, reconstruction_rms(displacements, found))
+    made, smooth = crease(found), crease(whole)
+    return metrics | {
+        "crease_deg": made,
+        "crease_ratio": made / smooth,
+        "crease_deg_gradient": crease(fitter.reconstruct(zeta, "gradient")),
+        "crease_deg_holistic": smooth,
+        "crease_deg_still": crease(np.zeros_like(found)),
+        "crease_components": float(count),
+    }
 
 
-def _edge_pairs(model: RegionModel) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Return the pairs of triangles (E, 2) that share an edge, and which edges have an end shared by regions."""
+def _as_good(
+    holistic: RegionModel, displacements: NDArray[np.floating], rms_mm: float
+) -> tuple[NDArray[np.float64], int]:
+    """Return the reconstruction by the fewest components of a PCA whose error is at most `rms_mm`, and their number."""
+    basis = holistic.bases[0].reshape(len(holistic.bases[0]), -1)
+    flat = np.asarray(displacements, dtype=np.float64).reshape(len(displacements), -1)
+    coefficients = flat @ basis.T
+    left = (flat**2).sum() - np.cumsum((coefficients**2).sum(axis=0))
+    enough = left <= rms_mm**2 * flat.size / 3
+    count = int(enough.argmax()) + 1 if enough.any() else len(basis)
+    return (coefficients[:, :count] @ basis[:count]).reshape(displacements.shape), count
+
+
+def _boundary_edges(model: RegionModel) -> NDArray[np.intp]:
+    """Return the pairs of triangles (E, 2) that share an edge with an end that regions share."""
     faces = model.faces
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     owner = np.tile(np.arange(len(faces)), 3)
@@ -112,7 +139,7 @@ def _edge_pairs(model: RegionModel) -> tuple[NDArray[np.intp], NDArray[np.bool_]
     edges, owner = edges[order], owner[order]
     first = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
     shared = model.regions.count > 1
-    return np.stack([owner[first], owner[first + 1]], axis=1), shared[edges[first]].any(axis=1)
+    return np.stack([owner[first], owner[first + 1]], axis=1)[shared[edges[first]].any(axis=1)]
 
 
 def _bends(vertices: NDArray[np.floating], faces: NDArray[np.integer], pairs: NDArray[np.intp]) -> NDArray[np.float64]:

@@ -71,7 +71,7 @@ TARGETS: dict[str, dict[str, tuple[str, float | str]]] = {
         "region_leak": ("<", "holistic_leak"),
         "drag_us_397": ("<=", 100.0),
         "drag_us_11248": ("<=", 700.0),
-        "crease_deg_boundary": ("<=", "crease_deg_inside"),
+        "crease_ratio": ("<=", 1.1),
     },
 }
 
