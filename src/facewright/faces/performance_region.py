@@ -14,7 +14,7 @@ from facewright.faces.face import Face
 from facewright.mesh.connectivity import boundary_loops, vertex_adjacency, vertex_components
 from facewright.mesh.geodesics import path_graph
 
-_FOREHEAD = 0.45  # how far above the brows it reaches, in heights from the base of the nose to the brows
+_FOREHEAD = 0.8  # how far above the brows it reaches, in heights from the base of the nose to the brows
 _ROUNDS = 3  # of removing what sticks out of the outline
 _UNDER_JAW = np.deg2rad(2.0)
 
