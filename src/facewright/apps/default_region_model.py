@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 
 #: Raised when the recipe below changes, so that models of the old one are built again.
-_RECIPE = 1
-_SEED, _N_VERTICES, _RATE = 0, 397, 15.0
-_PER_REGION = 10
-_HOLISTIC_SHARE = 0.98  # of the squared motion: about as much as ten components keep of a region's
+_RECIPE = 2
+_SEED, _RATE = 0, 15.0
+_PER_REGION = 20
+_HOLISTIC_SHARE = 0.99  # of the squared motion: about as much as so many components keep of a region's
 
 
 class RegionModels(NamedTuple):
@@ -104,11 +104,12 @@ def train_default(face: Face, data: PerformerData, progress: Progress | None = N
     ValueRangeError, DegenerateError
         See `facewright.apps.segment_regions.segment_performers`.
     """
-    from facewright.apps.segment_regions import segment_performers
+    from facewright.apps.segment_regions import SegmentOptions, segment_performers
     from facewright.models.region_pca import fit_region_pca
     from facewright.models.regions import Regions
 
-    found = segment_performers([data], progress=progress)
+    # who poses a face expects left and right alike
+    found = segment_performers([data], options=SegmentOptions(symmetric=True), progress=progress)
     moves = np.concatenate([clip.vertices - data.neutral for clip in data.clips])
     provenance = {
         "template": data.template,
@@ -128,30 +129,26 @@ def train_default(face: Face, data: PerformerData, progress: Progress | None = N
 
 def _performed(face: Face, progress: Progress | None) -> PerformerData:
     """Return what the simulated performer M1 did, on the coarse mesh of `face`."""
-    from facewright.faces.performance_region import performance_region
+    from facewright.faces.coarse_face import coarse_face
     from facewright.faces.performers import simulate_performers
-    from facewright.mesh.uniform_subsample import subsample_mesh, subsample_mirror
     from facewright.models.performer_data import PerformerData
 
-    skin = face.skin()
-    sub = subsample_mesh(
-        skin.mean_shape, skin.topology.faces, _N_VERTICES, within=performance_region(face), mirror=skin.topology.mirror
-    )
+    coarse = coarse_face(face)
     (performer,) = simulate_performers(face, np.random.default_rng(_SEED), names=("M1",), progress=progress)
     clips = []
     for k, name in enumerate(performer.clips):
-        clips.append(_clip(performer.clip(name), sub.vertex_ids))
+        clips.append(_clip(performer.clip(name), coarse.vertex_ids))
         if progress is not None:
             progress("simulating a performance", k + 1, len(performer.clips))
     return PerformerData(
         name="M1",
-        faces=sub.faces,
-        neutral=performer.person.neutral[sub.vertex_ids],
-        reference=skin.mean_shape[sub.vertex_ids],
+        faces=coarse.faces,
+        neutral=performer.person.neutral[coarse.vertex_ids],
+        reference=coarse.positions,
         clips=tuple(clips),
-        template=face.name,
-        vertex_ids=sub.vertex_ids,
-        mirror=subsample_mirror(sub.vertex_ids, skin.topology.mirror),
+        template=coarse.template,
+        vertex_ids=coarse.vertex_ids,
+        mirror=coarse.mirror,
     )
 
 
