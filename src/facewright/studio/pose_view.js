@@ -148,7 +148,9 @@ export default {
     },
 
     onPose(views, time, sequence) {
-      this.kinds.forEach((kind, k) => views[k] && this.bodies[kind].place(views[k]));
+      const fits = (kind, k) => views[k] && views[k].length === this.bodies[kind].positions.length;
+      if (!this.kinds.every(fits)) return; // of another character, which is being fetched
+      this.kinds.forEach((kind, k) => this.bodies[kind].place(views[k]));
       this.arrived = sequence;
       this.dirty = true;
       window.dispatchEvent(new CustomEvent("facewright-time", { detail: time }));
