@@ -22,7 +22,7 @@ WEIGHTS = ((0.0, 0.025), (0.05, 0.025), (0.5, 0.025), (10.0, 0.025), (0.5, 0.001
 CORNER, MOVE = (28.0, -36.0, 100.0), (8.0, 9.0, -1.0)  # of the mouth, the person's left; mm
 GREY, RED = np.array([0.76, 0.76, 0.76]), np.array([0.86, 0.20, 0.14])
 MOST_MM = 8.0  # of a motion, full red
-SIZE, VIEW = (260, 210), {"height_mm": 176.0, "centre_mm": (0.0, -2.0, 60.0)}
+SIZE, VIEW = (260, 210), {"height_mm": 200.0, "centre_mm": (0.0, 8.0, 60.0)}
 
 
 def main(out: Path) -> None:

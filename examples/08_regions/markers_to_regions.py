@@ -24,7 +24,7 @@ from facewright.models.region_boundaries import share_boundaries
 
 SEED = 0
 FRAMES_PER_SECOND = 15.0  # as the paper thins them
-SIZE, VIEW = (360, 290), {"centre_mm": (0.0, 2.0, 60.0), "height_mm": 256.0, "yaw_degrees": 14.0}
+SIZE, VIEW = (360, 290), {"centre_mm": (0.0, 8.0, 60.0), "height_mm": 256.0, "yaw_degrees": 14.0}
 SKIN, MARKER, LINE = (0.62, 0.65, 0.72), (250, 205, 30), (30, 70, 190)
 AFFINITIES = (("correlation 99 %", 0.99), ("distance alone", 0.0), ("correlation 70 %", 0.7))  # lambda of eq. 12
 
@@ -84,11 +84,11 @@ def draw(registered: RegisteredPerformer, surface: np.ndarray, coarse: np.ndarra
 
 
 def regions_sheet(data: PerformerData) -> np.ndarray:
-    """Draw the clusters of three affinities at 9, at as many as stay compact, and at one more."""
+    """Draw the clusters of three affinities: fewer than stay compact, as many, one more."""
     search = segment_performers([data]).segmentation
-    counts = (9, search.chosen.n_clusters, search.chosen.n_clusters + 1)
+    counts = search.chosen.n_clusters + np.array([-3, 0, 1])
     pictures, captions = [], []
-    for count, known in zip(counts, (None, search.chosen, search.refused), strict=True):
+    for count, known in zip(counts.tolist(), (None, search.chosen, search.refused), strict=True):
         for name, share in AFFINITIES:
             options = SegmentOptions(correlation_share=share, n_regions=count)
             paper = share == SegmentOptions().correlation_share
