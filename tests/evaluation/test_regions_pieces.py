@@ -142,7 +142,7 @@ def test_regions_keep_a_drag_on_its_side_where_the_data_move_both(builtin_face, 
         )
         for k in (54, 48)
     )
-    metrics = measure_locality(by_region, whole, coarse.positions, corners)
+    metrics = measure_locality({"region": by_region, "holistic": whole}, coarse.positions, np.array(corners))
     assert 0.3 < metrics["holistic_leak"] < 0.7 and metrics["region_leak"] < 0.75 * metrics["holistic_leak"]
     assert metrics["region_elsewhere"] < metrics["holistic_elsewhere"]
     assert 0 < metrics["region_missed_mm"] < 5 and 0 < metrics["holistic_missed_mm"] < 5

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.apps.segment_regions import SegmentOptions, segment_performers
 from facewright.errors import ValueRangeError
 from facewright.evaluation.regions_behaviour import measure_boundaries, measure_locality
 from facewright.evaluation.regions_clusters import measure_segmentation
@@ -22,8 +23,9 @@ from facewright.models.regions import Regions
 
 Progress = Callable[[str, int, int], None]
 
-#: Components of the models that are posed, and the share of the motion that the holistic one keeps.
-_PER_REGION, _HOLISTIC_SHARE = 10, 0.98
+#: Components of the models that are posed, and the share of the motion that the holistic one keeps: as the default
+#: model of the posing page has them, whose regions are symmetric.
+_PER_REGION, _HOLISTIC_SHARE = 20, 0.99
 #: Components of a holistic model that reconstructs as well as the region-based one.
 _DETAILED = 600
 #: ibug68: corners of the mouth (left, right), a brow, the chin, the other brow.
@@ -53,9 +55,10 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     -------
     dict of str to float
         What `measure_generalisation`, `measure_segmentation`, `measure_locality`, `measure_speed` and
-        `measure_boundaries` say; ``registration_*`` of `RegistrationErrors` and ``registration_s_per_minute`` of
-        motion; ``segmentation_s`` and ``training_s``: processor time of M1's three segmentations and of one model of
-        all four performers; ``frames``: registered; ``recorded``: 1 where the range of motion is the real recording's.
+        `measure_boundaries` say; ``registration_*`` of `RegistrationErrors`, and ``registration_s_per_minute`` of
+        motion; ``posed_regions``: how many the posed model has, which are symmetric (``plain_``: the paper's instead);
+        ``segmentation_s`` and ``training_s``: processor time of M1's segmentations and of one model of all four
+        performers; ``frames``: registered; ``recorded``: 1 where the range of motion is the real recording's.
     """
     if not 2 <= subjects <= len(PERFORMER_NAMES):
         raise ValueRangeError(f"subjects must be in [2, {len(PERFORMER_NAMES)}], got {subjects}.")
@@ -74,20 +77,27 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     provenance = {"template": first.template, "vertex_ids": first.vertex_ids.tolist()}
     neutral = first.reference.astype(np.float64)
     one = Regions.holistic(first.n_vertices)
-    region, holistic, detailed = (
+    symmetric = segment_performers([first], options=SegmentOptions(seed=seed, symmetric=True), progress=progress)
+    region, plain, holistic, detailed = (
         fit_region_pca(whole, first.faces, neutral, parts, count, provenance=provenance)
-        for parts, count in ((regions, _PER_REGION), (one, _HOLISTIC_SHARE), (one, _DETAILED))
+        for parts, count in (
+            (symmetric.regions, _PER_REGION),
+            (regions, _PER_REGION),
+            (one, _HOLISTIC_SHARE),
+            (one, _DETAILED),
+        )
     )
     corners = _nearest(face, first, _CORNERS)
     if progress is not None:
         progress("dragging", 0, 1)
-    drags = measure_locality(region, holistic, first.reference, (int(corners[0]), int(corners[1])))
+    drags = measure_locality({"region": region, "plain": plain, "holistic": holistic}, first.reference, corners)
     speed = measure_speed(region, face, np.concatenate([corners[:1], _nearest(face, first, _PINNED)]))
     unseen = session.performers[1].displacements(*session.test)
     return {
         **_main(general),
         **drags,
         **speed,
+        "posed_regions": float(len(region.regions.members)),
         **segmented.metrics,
         **session.errors.metrics(),
         "registration_s_per_minute": session.seconds,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,34 +23,35 @@ _DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.7, 0.7, 0.0], [0.0, 1.0, 0.0], [0.0,
 
 
 def measure_locality(
-    region: RegionModel, holistic: RegionModel, reference: NDArray[np.floating], corners: tuple[int, int]
+    models: Mapping[str, RegionModel], reference: NDArray[np.floating], corners: NDArray[np.integer]
 ) -> dict[str, float]:
     """Drag each corner of the mouth by 5 mm in five directions.
 
     Parameters
     ----------
-    region, holistic : RegionModel
-        Trained with the same data.
+    models : mapping of str to RegionModel
+        Trained with the same data; the first one's regions say what is elsewhere.
     reference : ndarray of shape (N, 3), millimetres
         The generic face, whose x tells the sides.
-    corners : (int, int)
+    corners : ndarray of shape (2,), int
         Vertices at the left and the right corner.
 
     Returns
     -------
     dict of str to float
-        ``region_leak``, ``holistic_leak``: share of the squared motion on the other side of the face;
-        ``*_elsewhere``: share of it outside the regions that hold the dragged vertex; ``*_missed_mm``: how far from its
+        With the models' names before: ``_leak``, share of the squared motion on the other side of the face;
+        ``_elsewhere``: share of it outside the regions that hold the dragged vertex; ``_missed_mm``: how far from its
         target that vertex stays.
     """
     metrics: dict[str, float] = {}
-    for name, model in (("region", region), ("holistic", holistic)):
+    regions = next(iter(models.values())).regions
+    for name, model in models.items():
         poser = RegionPoser(model, BETA, GAMMA)
         leaks, elsewhere, missed = [], [], []
         for corner in corners:
             poser.set_constraints([corner])
             away = np.ones(len(reference), bool)
-            for ids in region.regions.members:
+            for ids in regions.members:
                 if corner in ids:
                     away[ids] = False
             side = np.sign(reference[corner, 0])
