@@ -42,6 +42,9 @@ def test_blocks_that_move_by_themselves_are_found_and_k_is_theirs(rng):
     np.testing.assert_array_equal(found.labels, truth)  # numbered from the top, from the subject's right: as made
     automatic = segment_regions(A, vertices, faces, rng)
     assert automatic.chosen.compact and automatic.chosen.n_clusters >= 9
+    again = segment_regions(A, vertices, faces, np.random.default_rng(3), n_regions=7).chosen.labels
+    searched = segment_regions(A, vertices, faces, np.random.default_rng(3), max_regions=7).chosen.labels
+    np.testing.assert_array_equal(again, searched)  # k is the same whether it was asked for or found
     if automatic.refused is not None:
         assert not automatic.refused.compact and automatic.refused.n_clusters == automatic.chosen.n_clusters + 1
 

@@ -41,6 +41,7 @@ Progress = Callable[[str, int, int], None]
 
 #: The paper's 15 frames a second "to reduce redundancy".
 FRAMES_PER_SECOND = 15.0
+_LITTLE_MM = 0.5  # root mean square motion below which marker noise decides what moves alike
 _ROUNDING = 1e-3  # of a frame: clips of just that rate keep all their frames
 
 
@@ -183,7 +184,8 @@ def segment_performers(
         if not np.array_equal(other.faces, first.faces):
             raise ValueRangeError(
                 f"performers must be registered to one mesh, got {first.n_vertices} vertices of {first.name} and "
-                f"{other.n_vertices} of {other.name} with other triangles: import both with the same template."
+                f"{other.n_vertices} of {other.name} with other triangles: import both with the same template and "
+                "version."
             )
     moves = np.concatenate([_thinned(each, clips, options.frames_per_second) for each in performers])
     correlation = vertex_correlation(moves)
@@ -242,6 +244,12 @@ def _remarks(moves: NDArray[np.float32], found: Segmentation, options: SegmentOp
     still = int(still_coordinates(moves).all(axis=1).sum())
     if still:
         remarks.append(f"{still} of {moves.shape[1]} vertices never move: their correlation counts as none.")
+    moved = float(np.sqrt((moves.astype(np.float64) ** 2).sum(axis=2).mean()))
+    if moved < _LITTLE_MM:
+        remarks.append(
+            f"the face moves by {moved:.2f} mm (root mean square), little more than noise: give a performance, for "
+            "what moves together does not show at rest."
+        )
     if found.refused is None and options.n_regions is None:
         remarks.append(f"up to {options.max_regions} regions all are compact: --max-regions ended the search.")
     if not found.chosen.compact:

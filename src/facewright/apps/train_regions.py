@@ -201,7 +201,8 @@ def _one_mesh(performers: Sequence[PerformerData]) -> PerformerData:
         if not (np.array_equal(other.faces, first.faces) and np.array_equal(other.vertex_ids, first.vertex_ids)):
             raise ValueRangeError(
                 f"performers must be registered to one mesh, got {first.n_vertices} vertices of {first.name} and "
-                f"{other.n_vertices} of {other.name} with other triangles: import both with the same template."
+                f"{other.n_vertices} of {other.name} with other triangles: import both with the same template and "
+                "version."
             )
     if len({one.name for one in performers}) != len(performers):
         raise ValueRangeError(f"performers must have different names, got {', '.join(one.name for one in performers)}.")

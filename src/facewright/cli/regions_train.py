@@ -106,4 +106,5 @@ def _show(result: TrainResult, out: Path) -> None:
     for title, errors in (("trained with", result.train_rms_mm), ("left out", result.left_out_rms_mm)):
         if errors:
             say(f"Reconstruction, {title}: " + ", ".join(f"{name} {rms:.2f} mm" for name, rms in errors.items()))
-    say(f"Wrote {out}; next: facewright pose {out}")
+    whole = len(model.bases) == 1
+    say(f"Wrote {out}; next: facewright pose " + (f"REGIONS.fwrm --holistic {out}" if whole else str(out)))

@@ -136,7 +136,7 @@ def region_affinity(
     sizes = check_shape("correlation", correlation, "N", "N")
     if near.shape != correlation.shape:
         raise ShapeError(f"near must have the shape of correlation, {(sizes['N'],) * 2}, got {near.shape}.")
-    for name, value in (("share", share), ("threshold", threshold)):
+    for name, value in (("share (lambda)", share), ("threshold", threshold)):
         if not 0.0 <= value <= 1.0:
             raise ValueRangeError(f"{name} must lie in [0, 1], got {value}.")
     C = np.where(correlation >= threshold, correlation, 0.0)

@@ -129,13 +129,16 @@ def segment_regions(
         raise ValueRangeError(f"ragged_share must lie in [0, 1), got {ragged_share}.")
     largest = min(largest, N)
     eigenvectors = normalised_eigenvectors(affinity, largest)
+    seed = int(rng.integers(2**30))  # k clusters are the same whether they were asked for or come up in the search
     if n_regions is not None:
-        return Segmentation(_cluster(eigenvectors[:, :n_regions], vertices, faces, rng, restarts, ragged_share), None)
+        return Segmentation(
+            _cluster(eigenvectors[:, :n_regions], vertices, faces, seed + n_regions, restarts, ragged_share), None
+        )
     chosen: Clustering | None = None
     for k in range(2, largest + 1):
         if progress is not None:
             progress("clustering", k, largest)
-        clustering = _cluster(eigenvectors[:, :k], vertices, faces, rng, restarts, ragged_share)
+        clustering = _cluster(eigenvectors[:, :k], vertices, faces, seed + k, restarts, ragged_share)
         if not clustering.compact:
             if chosen is None:
                 raise DegenerateError(
@@ -254,7 +257,7 @@ def _cluster(
     eigenvectors: NDArray[np.float64],
     vertices: NDArray[np.floating[Any]],
     faces: NDArray[np.integer[Any]],
-    rng: np.random.Generator,
+    seed: int,
     restarts: int,
     ragged_share: float,
 ) -> Clustering:
@@ -263,7 +266,6 @@ def _cluster(
     from threadpoolctl import threadpool_limits
 
     rows = eigenvectors / np.maximum(np.linalg.norm(eigenvectors, axis=1, keepdims=True), 1e-300)
-    seed = int(rng.integers(2**31))
     with threadpool_limits(1):  # hundreds of points: threads only wait for each other
         means = KMeans(rows.shape[1], n_init=restarts, init="k-means++", random_state=seed).fit(rows)
     found = _from_top(means.labels_, vertices)
