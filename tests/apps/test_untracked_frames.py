@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from facewright.apps.untracked_frames import HOLD, fill_untracked, gaps_sentence
+from facewright.apps.untracked_frames import HOLD, fill_untracked, gaps_sentence, pause_sentence
 from facewright.camera.rotation import rotation_from_head_angles
 from facewright.errors import NoFaceError
 from facewright.models.performance import Performance
@@ -97,3 +97,11 @@ def test_filling_is_valid_keeps_what_was_seen_and_does_nothing_twice(seen: list[
     np.testing.assert_allclose(
         once.rotations @ once.rotations.transpose(0, 2, 1), np.eye(3)[None] * np.ones((len(seen), 1, 1)), atol=1e-9
     )
+
+
+def test_pauses_between_rows_are_named():
+    times = np.r_[np.arange(10) / RATE, 4.0 + np.arange(10) / RATE]
+    assert pause_sentence(times, 1 / RATE) == (
+        "No rows from 0.36 to 4.00 s: the expression goes evenly from the one before to the one after."
+    )
+    assert pause_sentence(np.arange(20) / RATE, 1 / RATE) is None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from facewright.errors import StoreError
+from facewright.errors import NoFaceError, StoreError
 from facewright.io.work_folder import WorkFolder, file_identity
 
 
@@ -36,6 +36,17 @@ def test_nothing_is_left_where_nothing_was_done(tmp_path: Path) -> None:
     with WorkFolder(tmp_path / "a.mp4"):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_left_where_no_face_was_found(tmp_path: Path) -> None:
+    with pytest.raises(NoFaceError), WorkFolder(tmp_path / "a.csv") as work:
+        (work.stage("landmarks", {"video": 1}) / "points.npy").write_bytes(b"1")
+        raise NoFaceError("none")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(StoreError), WorkFolder(tmp_path / "a.csv") as work:  # a full disk may be emptied
+        (work.stage("landmarks", {"video": 1}) / "points.npy").write_bytes(b"1")
+        raise StoreError("full")
+    assert [p.name for p in tmp_path.iterdir()] == [".a.csv.work"]
 
 
 _HOLDS = """

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from facewright.apps.draw_clip import STAGE, draw_clip, photo_for_video, photo_rig_texture, with_remarks
 from facewright.apps.performance_files import read_performance, write_performance_glb
 from facewright.apps.photo_motion import MotionOptions, PhotoMotion, carry_to_photo
-from facewright.apps.untracked_frames import fill_untracked, gaps_sentence
+from facewright.apps.untracked_frames import fill_untracked, gaps_sentence, pause_sentence
 from facewright.errors import ValueRangeError
 from facewright.io.video_writer import FrameClock, check_video_path
 from facewright.io.work_folder import WorkFolder, file_identity
@@ -158,6 +158,7 @@ def animate(request: AnimateRequest, progress: Progress | None = None) -> ClipRe
     filled = replace(filled, times=filled.times - filled.times[0])
     sentence = gaps_sentence(gaps, performance.n_frames)
     rate = usual_rate(filled.times)
+    pause = pause_sentence(filled.times, 1.0 / float(rate))
     if request.frames_per_second is not None:
         rate = Fraction(request.frames_per_second).limit_denominator(1001)
     n = int(np.floor(filled.times[-1] * float(rate) + 0.25)) + 1  # jitter of time codes is no frame less
@@ -185,7 +186,7 @@ def animate(request: AnimateRequest, progress: Progress | None = None) -> ClipRe
         )
     # The curves' reader counts untracked rows; the sentence about the gaps names them.
     kept = tuple(note for note in notes if sentence is None or "untracked" not in note)
-    remarks = (*kept, *((sentence,) if sentence else ()), *subject.remarks, *motion.notes, *said)
+    remarks = (*kept, *(said_of for said_of in (sentence, pause) if said_of), *subject.remarks, *motion.notes, *said)
     return ClipResult(paths, n, float(rate), int(performance.tracked.sum()), remarks)
 
 

@@ -18,6 +18,8 @@ HOLD, EASE = 0.4, 0.6
 RETURN = 0.2
 #: Gaps up to this, seconds, are bridged between what lies before and after.
 BRIDGED = 0.25
+#: Rows this many usual steps apart leave a pause between them.
+_PAUSE_STEPS = 5.0
 
 
 class Gap(NamedTuple):
@@ -135,3 +137,23 @@ def _between(a: NDArray[np.float64], b: NDArray[np.float64], share: NDArray[np.f
     """Return rotations on the way from `a` to `b`, (N, 3, 3)."""
     turn = rotation_vector_from_matrix(a.T @ b)
     return a @ matrix_from_rotation_vector(share[:, None] * turn)
+
+
+def pause_sentence(times: NDArray[np.float64], usual_seconds: float) -> str | None:
+    """Return one sentence that names stretches without rows in curves, or None where there are none.
+
+    Parameters
+    ----------
+    times : ndarray of shape (T,), seconds
+        Of the rows, increasing.
+    usual_seconds : float
+        From one row to the next; five times as much is a pause.
+    """
+    steps = np.diff(times)
+    pauses = np.flatnonzero(steps > _PAUSE_STEPS * usual_seconds)
+    if not len(pauses):
+        return None
+    listed = ", ".join(f"{times[k]:.2f} to {times[k + 1]:.2f} s" for k in pauses[:6]) + (
+        " ..." if len(pauses) > 6 else ""
+    )
+    return f"No rows from {listed}: the expression goes evenly from the one before to the one after."

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from facewright.errors import StoreError
+from facewright.errors import NoFaceError, StoreError
 
 _ENDS = 1 << 20
 
@@ -20,7 +20,7 @@ _ENDS = 1 << 20
 class WorkFolder:
     """A hidden folder beside an output, ``.NAME.work``, for one run at a time.
 
-    It stays when the run fails or is killed, and goes with `remove` when the output is there.
+    It stays when the run fails or is killed, and goes with `remove` when the output is there, or where there is no face.
 
     Parameters
     ----------
@@ -57,6 +57,8 @@ class WorkFolder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._lock.close()
+        if kind is not None and issubclass(kind, NoFaceError):  # asking again would find as little
+            self.remove()
         with suppress(OSError):  # nothing done that is worth keeping
             if {entry.name for entry in self.path.iterdir()} <= {"lock"}:
                 shutil.rmtree(self.path)
