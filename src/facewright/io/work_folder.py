@@ -20,7 +20,8 @@ _ENDS = 1 << 20
 class WorkFolder:
     """A hidden folder beside an output, ``.NAME.work``, for one run at a time.
 
-    It stays when the run fails or is killed, and goes with `remove` when the output is there, or where there is no face.
+    It stays when the run fails or is killed, and goes with `remove` when the output is there, and
+    where no face was found.
 
     Parameters
     ----------
