@@ -18,9 +18,9 @@ SHORTEST_SECONDS = 1e-3
 class PoseKeyframes:
     """K poses of one model in time; between them each coefficient moves monotonically and smoothly.
 
-    Cubic Hermite pieces whose slopes are the harmonic means of Fritsch and Butland: a coefficient never leaves the range
-    of the two keyframes around it, so bounds of blendshapes hold. Motion begins and ends at rest, and so does every
-    coefficient that turns back at a keyframe.
+    Cubic Hermite pieces whose slopes are the harmonic means of Fritsch and Butland: a coefficient never leaves the
+    range of the two keyframes around it, so bounds of blendshapes hold. Motion begins and ends at rest, and so does
+    every coefficient that turns back at a keyframe.
 
     Parameters
     ----------
