@@ -21,7 +21,7 @@ def layers():
     state = np.full(SIZE, BOTH, np.uint8)
     state[:, 28:43], state[:, :20], state[:, 51:] = PERSON, BEHIND, BEHIND
     photo = np.rint(front + (1 - alpha[..., None] / 255) * plate).astype(np.uint8)
-    return photo, PhotoLayers((0, 0), alpha, front, plate, state, hidden, 2.0)
+    return photo, PhotoLayers((0, 0), alpha, front, plate, state, hidden, np.full(SIZE, 255, np.uint8), 2.0)
 
 
 def test_nothing_moves_nothing_changes(layers):
@@ -72,7 +72,7 @@ def test_inside_the_person_it_is_the_plain_look_up(layers, rng):
 def test_beyond_the_box_the_photo_stays(layers):
     photo, found = layers
     wide = np.pad(photo, ((3, 3), (5, 5), (0, 0)), mode="edge")
-    shifted = PhotoLayers((5, 3), found.alpha, found.front, found.plate, found.state, found.hidden, 2.0)
+    shifted = PhotoLayers((5, 3), found.alpha, found.front, found.plate, found.state, found.hidden, found.trust, 2.0)
     field = np.full((*wide.shape[:2], 2), (-6.0, 0.0), np.float32)
     part, moved, _ = shifted.resample(wide, field, (0, 0))
     assert not moved[:, :5].any()

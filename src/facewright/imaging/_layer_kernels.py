@@ -10,14 +10,14 @@ from facewright.imaging.resample import _cubic, _neighbours, _sample
 
 @njit(cache=True, nogil=True)
 def compose_layers(  # type: ignore[no-untyped-def]
-    photo, displacement, origin, alpha, front, plate, state, hidden, box, fade, out, moved, shares
+    photo, displacement, origin, alpha, front, plate, state, hidden, trust, box, fade, out, moved, shares
 ):
     """Draw the part of a picture at `origin`, see `PhotoLayers.resample`.
 
     The person's light, looked up, and as much of the plate as their share, looked up, leaves. What both leave of the
     photo where nothing moves (edges are never known well) fades as the motion grows to `fade` pixels: there are no
     jumps. Pixels that see the background alone get the displacement zero. `shares` (h, w) uint8 gets the person's where
-    something moves.
+    something moves. Where `trust` (of the box, looked up) is less than 255 the photo as it bends takes the rest.
     """
     height, width, _ = photo.shape
     rows, cols = alpha.shape
@@ -26,7 +26,7 @@ def compose_layers(  # type: ignore[no-untyped-def]
     zero, half, white = np.float32(0), np.float32(0.5), np.float32(255)
     right, bottom = np.float32(width - 1), np.float32(height - 1)
     scale = np.float32(1 / 255)
-    value = np.zeros(3, np.float32)
+    value, bent = np.zeros(3, np.float32), np.zeros(3, np.float32)
     for y in range(moved.shape[0]):
         for x in range(moved.shape[1]):
             dx, dy = displacement[y, x, 0], displacement[y, x, 1]
@@ -42,10 +42,19 @@ def compose_layers(  # type: ignore[no-untyped-def]
             in_box = 0 <= u < cols and 0 <= v < rows
             i, j = np.int64(y1) - y_box, np.int64(x1) - x_box
             kind = state[i, j] if 0 <= i < rows and 0 <= j < cols else np.uint8(0)
+            sure = scale * trust[min(max(i, 0), rows - 1), min(max(j, 0), cols - 1)]
+            if sure == zero:
+                kind = np.uint8(1)
+            bends = kind != 1 and sure < np.float32(1)
+            if bends:
+                a, b = _cubic(tx), _cubic(ty)
+                for c in range(3):
+                    bent[c] = _sample(photo, x0, x1, x2, x3, y0, y1, y2, y3, a, b, np.uint64(c))
             if kind == 0:
-                displacement[y, x, 0] = zero
-                displacement[y, x, 1] = zero
-                shares[y, x] = 0
+                if sure > half:
+                    displacement[y, x, 0] = zero
+                    displacement[y, x, 1] = zero
+                shares[y, x] = np.int32(white * (np.float32(1) - sure) + half)
                 if in_box and hidden[v, u]:
                     moved[y, x] = True
                     still = _still(dx, dy, fade)
@@ -53,7 +62,15 @@ def compose_layers(  # type: ignore[no-untyped-def]
                     for c in range(3):
                         behind = np.float32(plate[v, u, c])
                         left_over = photo[at_y, at_x, c] - front[v, u, c] - rest * behind
-                        out[y, x, c] = np.int32(min(max(behind + still * left_over + half, zero), white))
+                        level = behind + still * left_over
+                        if bends:
+                            level = bent[c] + sure * (min(max(level, zero), white) - bent[c])
+                        out[y, x, c] = np.int32(min(max(level + half, zero), white))
+                elif bends:
+                    moved[y, x] = True
+                    for c in range(3):
+                        level = bent[c] + sure * (photo[at_y, at_x, c] - bent[c])
+                        out[y, x, c] = np.int32(min(max(level + half, zero), white))
                 else:
                     for c in range(3):
                         out[y, x, c] = np.int32(photo[at_y, at_x, c])
@@ -79,7 +96,7 @@ def compose_layers(  # type: ignore[no-untyped-def]
                     for c in range(3):
                         value[c] += w * front[i, j, c]
             rest = np.float32(1) - min(max(share, zero), np.float32(1))
-            shares[y, x] = np.int32(white * (np.float32(1) - rest) + half)
+            shares[y, x] = np.int32(white * (np.float32(1) - sure * rest) + half)
             known = in_box and hidden[v, u]
             still = _still(dx, dy, fade) if known else zero
             own = np.float32(1) - scale * alpha[v, u] if known else zero
@@ -88,6 +105,8 @@ def compose_layers(  # type: ignore[no-untyped-def]
                 level = value[c] + rest * behind
                 if known:
                     level += still * (photo[at_y, at_x, c] - front[v, u, c] - own * behind)
+                if bends:
+                    level = bent[c] + sure * (min(max(level, zero), white) - bent[c])
                 out[y, x, c] = np.int32(min(max(level + half, zero), white))
 
 

@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from facewright.imaging.blocks import enlarge, masked_means
 from facewright.imaging.guided_filter import fit_local_lines
+from facewright.imaging.matte_trust import matte_trust
 from facewright.imaging.rasterise import rasterise
 from facewright.imaging.source_surface import BODY, INNER, SourceSurface
 from facewright.numeric.check import check_shape
@@ -28,6 +29,8 @@ _NEAR = 0.35  # colours of what lies behind are learnt up to so far from the per
 _BINS = 16
 _STEEP = (0.15, 0.65)  # of the filtered map, what is none and what is all
 _BLOCK_ROWS = 512
+_FINDER_RIM = (0.022, 0.03)  # so far within the finder's outline all is person, so far beyond it nothing
+_CLOSED = 0.012  # of the head's size: narrower gaps in the person are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +42,16 @@ class HeadMatte:
     origin : (x, y)
         First pixel of the box.
     alpha : ndarray of shape (h, w), uint8
-        255 for the person, 0 for what lies behind.
+        255 for the person, 0 for what lies behind; no holes, no loose specks.
+    trust : ndarray of shape (h, w), uint8
+        255 where the outline nearby is known well, see `matte_trust`.
     certainty : float
         How well colours tell the person from what lies behind along the outline, 0 to 1.
     """
 
     origin: tuple[int, int]
     alpha: NDArray[np.uint8]
+    trust: NDArray[np.uint8]
     certainty: float
 
 
@@ -75,14 +81,22 @@ def find_head_matte(photo: NDArray[np.uint8], surface: SourceSurface, find_perso
     n = max(1, round(surface.head_size / _WORK))
     small = masked_means(part, None, n)[0] / np.float32(255)
     head = surface.head_size / n
-    sure, outline = _outlines(surface, (x0, y0), n, small.shape[:2])
+    sure, outline, skull = _outlines(surface, (x0, y0), n, small.shape[:2])
     found = None if find_person is None else find_person(np.ascontiguousarray(part))
     if found is not None:
-        prior = ndimage.gaussian_filter(_resized(found, small.shape[:2]), _UNSURE * head)
+        found = _resized(found, small.shape[:2])
+        prior = ndimage.gaussian_filter(found, _UNSURE * head)
     else:
         prior = _prior_of_outline(outline, head)
     prior = np.where(sure, 1, prior).astype(np.float32)
-    person, certainty = _decide(small, prior, sure, head)
+    person, colour, certainty = _decide(small, prior, sure, head)
+    if found is not None:
+        person = _within_finder(person, prior, sure, head)
+    ys, xs = np.mgrid[: small.shape[0], : small.shape[1]]
+    along = surface.down / max(float(np.linalg.norm(surface.down)), 1e-9)
+    chin = (surface.chin - (x0, y0) + 0.5) / n - 0.5
+    below = (xs - chin[0]) * along[0] + (ys - chin[1]) * along[1]
+    trust = matte_trust(person, colour, found, skull, below, head)
     line = fit_local_lines(person, small, max(1, round(_RADIUS * head)), _NOISE)
     alpha = np.empty(part.shape[:2], np.uint8)
     for top in range(0, part.shape[0], _BLOCK_ROWS):
@@ -91,7 +105,37 @@ def find_head_matte(photo: NDArray[np.uint8], surface: SourceSurface, find_perso
         share += (enlarge(line.slope, n, part.shape[:2], rows) * (part[rows] / np.float32(255))).sum(axis=2)
         t = np.clip((share - _STEEP[0]) / (_STEEP[1] - _STEEP[0]), 0, 1)
         alpha[rows] = np.rint(255 * t * t * (3 - 2 * t))
-    return HeadMatte((x0, y0), alpha, certainty)
+    _clean(alpha, _CLOSED * surface.head_size)
+    trusted = np.rint(255 * np.clip(enlarge(trust[..., None], n, part.shape[:2])[..., 0], 0, 1)).astype(np.uint8)
+    return HeadMatte((x0, y0), alpha, trusted, certainty)
+
+
+def _within_finder(
+    person: NDArray[np.float32], prior: NDArray[np.float32], sure: NDArray[np.bool_], head: float
+) -> NDArray[np.float32]:
+    """Let colours decide near the finder's outline alone."""
+    inside = ndimage.binary_fill_holes((prior > 0.5) | sure)
+    person = np.where(_eroded(inside, _FINDER_RIM[0] * head), np.float32(1), person)
+    beyond = ndimage.distance_transform_edt(~inside) > _FINDER_RIM[1] * head
+    return np.asarray(np.where(beyond, np.float32(0), person), dtype=np.float32)
+
+
+def _clean(alpha: NDArray[np.uint8], closed: float) -> None:
+    """Fill holes and narrow gaps, take loose specks away, in place."""
+    r = max(1, round(closed))
+    solid = np.pad(alpha > 127, 2 * r, mode="edge")
+    solid = ndimage.distance_transform_edt(~solid) <= r  # closing with a disk
+    solid = ndimage.distance_transform_edt(solid) > r
+    solid = ndimage.distance_transform_edt(solid) > 0.5 * r  # opening with a smaller one: no threads
+    solid = ndimage.binary_fill_holes(ndimage.distance_transform_edt(~solid) <= 0.5 * r)
+    pieces, count = ndimage.label(solid)
+    if count > 1:
+        sizes = np.bincount(pieces.ravel())[1:]
+        solid = pieces == 1 + int(np.argmax(sizes))
+    within = ndimage.distance_transform_edt(solid)[2 * r : -2 * r, 2 * r : -2 * r]
+    beyond = ndimage.distance_transform_edt(~solid)[2 * r : -2 * r, 2 * r : -2 * r]
+    alpha[within > 1.0 * r] = 255
+    alpha[beyond > 1.0 * r] = 0
 
 
 def _box(surface: SourceSurface, size: tuple[int, int]) -> tuple[int, int, int, int]:
@@ -108,8 +152,8 @@ def _box(surface: SourceSurface, size: tuple[int, int]) -> tuple[int, int, int, 
 
 def _outlines(
     surface: SourceSurface, origin: tuple[int, int], n: int, shape: tuple[int, ...]
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return, on the reduced picture, what is person for sure, and what the fitted head and neck cover."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return, on the reduced picture, what is person for sure, what the fitted head and neck cover, and the head."""
     view = surface.view
     at = (view.pixels - origin + 0.5) / n - 0.5
     size = (shape[0], shape[1])
@@ -119,7 +163,7 @@ def _outlines(
     front = head & (surface.front[surface.faces].all(axis=1)[faces] | (surface.kinds[faces] == INNER))
     large = surface.head_size / n
     sure = _eroded(front, _FACE_RIM * large) | _eroded(head, _SKULL_RIM * large)
-    return sure, seen.covered
+    return sure, seen.covered, head
 
 
 def _eroded(region: NDArray[np.bool_], by: float) -> NDArray[np.bool_]:
@@ -136,15 +180,15 @@ def _prior_of_outline(outline: NDArray[np.bool_], head: float) -> NDArray[np.flo
 
 def _decide(
     picture: NDArray[np.float32], prior: NDArray[np.float32], sure: NDArray[np.bool_], head: float
-) -> tuple[NDArray[np.float32], float]:
-    """Return how likely each pixel is the person's, by place and colour, and how well colours tell."""
+) -> tuple[NDArray[np.float32], NDArray[np.float64], float]:
+    """Return how likely each pixel is the person's, by place and colour, by colour alone, and how well colours tell."""
     odds = np.clip(np.log(np.maximum(prior, 1e-3) / np.maximum(1 - prior, 1e-3)), -4, 4)
     bins = np.minimum((picture * _BINS).astype(int), _BINS - 1)
-    person, certainty = prior, 0.0
+    person, colour, certainty = prior, np.zeros(prior.shape), 0.0
     for _ in range(_ROUNDS):
         inside = person > 0.5
         if inside.all() or not inside.any():
-            return np.where(sure, 1, person).astype(np.float32), 0.0
+            return np.where(sure, 1, person).astype(np.float32), colour, 0.0
         within, beyond = ndimage.distance_transform_edt(inside), ndimage.distance_transform_edt(~inside)
         # learnt near the outline, but not at it
         ours = _histogram(bins, inside & (within > _UNSURE * head) & (within < _NEAR * head))
@@ -160,7 +204,7 @@ def _decide(
         pieces = ndimage.label(person > 0.5)[0]
         own = np.unique(pieces[sure])
         person = np.where((pieces == 0) | np.isin(pieces, own), person, np.float32(0))
-    return _without_holes(person, sure), certainty
+    return _without_holes(person, sure), colour, certainty
 
 
 def _without_holes(person: NDArray[np.float32], sure: NDArray[np.bool_]) -> NDArray[np.float32]:

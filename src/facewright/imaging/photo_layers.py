@@ -43,6 +43,8 @@ class PhotoLayers:
         `PERSON` where the pixels around hold nothing else, `BEHIND` where they hold none of it, `BOTH` between.
     hidden : ndarray of shape (h, w), bool
         Where the plate may differ from the photo.
+    trust : ndarray of shape (h, w), uint8
+        255 where the layers hold; where it is 0 what lies behind bends with the head.
     fade : float, pixels
         What the layers leave of the photo fades over a motion of so much.
     """
@@ -53,6 +55,7 @@ class PhotoLayers:
     plate: NDArray[np.uint8]
     state: NDArray[np.uint8]
     hidden: NDArray[np.bool_]
+    trust: NDArray[np.uint8]
     fade: float
 
     @classmethod
@@ -67,7 +70,7 @@ class PhotoLayers:
             If `photo` has not the shape (H, W, 3).
         """
         matte = find_head_matte(photo, surface, find_person)
-        if matte.certainty < _CERTAIN or not (matte.alpha == 0).any():
+        if matte.certainty < _CERTAIN or not (matte.alpha == 0).any() or not matte.trust.any():
             return None
         (x, y), (h, w) = matte.origin, matte.alpha.shape
         part = photo[y : y + h, x : x + w]
@@ -87,7 +90,7 @@ class PhotoLayers:
         state = np.full(alpha.shape, BOTH, np.uint8)
         state[ndimage.minimum_filter(alpha, 5, mode="nearest") == 255] = PERSON
         state[~ndimage.maximum_filter(hidden | (alpha > 0), 5, mode="nearest")] = BEHIND
-        return cls(matte.origin, alpha, front, plate, state, hidden, max(1.5, _FADE * surface.head_size))
+        return cls(matte.origin, alpha, front, plate, state, hidden, matte.trust, max(1.5, _FADE * surface.head_size))
 
     def resample(
         self, photo: NDArray[np.uint8 | np.float32], displacement: NDArray[np.float32], origin: tuple[int, int]
@@ -118,6 +121,7 @@ class PhotoLayers:
             self.plate,
             self.state,
             self.hidden,
+            self.trust,
             self.origin,
             np.float32(self.fade),
             part,
