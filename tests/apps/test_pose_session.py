@@ -24,7 +24,7 @@ def test_a_drag_is_what_the_poser_solves_from_where_it_began(session):
     np.testing.assert_array_equal(
         session.drag(v, model.neutral[v] + [1, 2, 3]), first
     )  # no way of getting there counts
-    poser = RegionPoser(model)
+    poser = RegionPoser(model, boundaries="keep")
     poser.set_constraints([v])
     zeta = poser.solve((model.neutral[v] + [1, 2, 3])[None], np.zeros(model.n_coefficients))
     np.testing.assert_allclose(first, poser.positions(zeta), atol=1e-4)
@@ -34,6 +34,17 @@ def test_a_drag_is_what_the_poser_solves_from_where_it_began(session):
     second = session.drag(v, model.neutral[v] + [1, 2, 3]).copy()  # a second pull begins at the first one's pose
     again = poser.solve((model.neutral[v] + [1, 2, 3])[None], zeta)
     np.testing.assert_allclose(second, poser.positions(again), atol=1e-4)
+
+
+def test_grabbing_a_point_without_moving_it_moves_nothing(session):
+    v, other = _vertex(session, 20, 15), _vertex(session, -20, -15)
+    session.drag(v, session.model.neutral[v] + [0, 6, 2])
+    session.release()
+    posed = session.positions().copy()
+    for _ in range(3):
+        session.drag(other, session.positions()[other].copy())
+        session.release()
+    assert np.abs(session.positions() - posed).max() < 1e-3
 
 
 def test_only_the_region_follows_and_the_holistic_model_moves_more(session):

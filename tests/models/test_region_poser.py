@@ -230,3 +230,49 @@ def test_a_model_that_never_moves_stays(rng):
     out = np.zeros((reference.N, 3))
     assert poser.solve(model.neutral[[4]] + 1.0, np.zeros(0), out).shape == (0,)
     np.testing.assert_array_equal(out, model.neutral)
+
+
+@pytest.mark.parametrize("bounded", [False, True])
+def test_kept_boundaries_move_nothing_that_is_not_dragged(rng, bounded):
+    """A point that is held where it is leaves an earlier pose as it is; by eq. 9 its gaps would close."""
+    model = reference.small_model(rng)
+    if bounded:
+        lower = tuple(np.full(len(basis), -5.0) for basis in model.bases)
+        model = replace(model, lower=lower, upper=tuple(-low for low in lower))
+    rest = rng.normal(size=model.n_coefficients)
+    vertices = [0, 21]
+    moved = {}
+    for boundaries in ("keep", "meet"):
+        poser = RegionPoser(model, 0.5, 0.025, boundaries=boundaries)
+        seen = poser.positions(rest, np.empty((model.n_vertices, 3)))
+        np.testing.assert_allclose(poser.solve(np.zeros((0, 3)), rest), rest, atol=1e-9 if boundaries == "keep" else 9)
+        poser.set_constraints(vertices)
+        out = np.empty((model.n_vertices, 3))
+        poser.solve(seen[vertices], rest, out)
+        moved[boundaries] = np.abs(out - seen).max()
+    assert moved["keep"] < 1e-6 < 0.01 < moved["meet"]
+
+
+def test_kept_boundaries_are_eq_9_of_the_change(rng):
+    model = reference.small_model(rng)
+    rest = rng.normal(size=model.n_coefficients)
+    poser = RegionPoser(model, 0.5, 0.025, boundaries="keep")
+    seen = poser.positions(rest, np.empty((model.n_vertices, 3)))
+    vertices, pull = [0, 21, 40], rng.normal(size=(3, 3))
+    poser.set_constraints(vertices)
+    change = reference.naive_pose(
+        model, vertices, model.neutral[vertices] + pull, np.zeros(model.n_coefficients), 0.5, 0.025, None
+    )
+    np.testing.assert_allclose(poser.solve(seen[vertices] + pull, rest), rest + change, atol=1e-9)
+
+
+def test_kept_and_met_boundaries_are_the_same_from_the_neutral(rng):
+    model = reference.small_model(rng)
+    start, poses = np.zeros(model.n_coefficients), []
+    for boundaries in ("keep", "meet"):
+        poser = RegionPoser(model, 0.5, 0.025, boundaries=boundaries)
+        poser.set_constraints([3])
+        poses.append(poser.solve(model.neutral[[3]] + 1.0, start))
+    np.testing.assert_allclose(poses[0], poses[1], atol=1e-10)
+    with pytest.raises(ValueRangeError, match="boundaries"):
+        RegionPoser(model, boundaries="close")

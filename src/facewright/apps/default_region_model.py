@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 
 #: Raised when the recipe below changes, so that models of the old one are built again.
-_RECIPE = 2
+_RECIPE = 3
 _SEED, _RATE = 0, 15.0
 _PER_REGION = 20
 _HOLISTIC_SHARE = 0.99  # of the squared motion: about as much as so many components keep of a region's
@@ -111,6 +111,8 @@ def train_default(face: Face, data: PerformerData, progress: Progress | None = N
     # who poses a face expects left and right alike
     found = segment_performers([data], options=SegmentOptions(symmetric=True), progress=progress)
     moves = np.concatenate([clip.vertices - data.neutral for clip in data.clips])
+    if data.mirror is not None:  # what one side of the performer does the other shall be able to
+        moves = np.concatenate([moves, moves[:, data.mirror] * np.float32([-1.0, 1.0, 1.0])])
     provenance = {
         "template": data.template,
         "vertex_ids": data.vertex_ids.tolist(),

@@ -58,7 +58,8 @@ class PoseSolver:
             if len(holistic.bases) != 1:
                 raise ValueRangeError(f"holistic model must have one region, got {len(holistic.bases)}.")
             self.models["holistic"] = holistic
-        self.posers = {kind: RegionPoser(one, beta, gamma) for kind, one in self.models.items()}
+        # what one drag left shall stay while another point is dragged
+        self.posers = {kind: RegionPoser(one, beta, gamma, boundaries="keep") for kind, one in self.models.items()}
         self.positions = {kind: np.zeros((model.n_vertices, 3), np.float32) for kind in self.models}
 
     def at_rest(self) -> dict[str, NDArray[np.float64]]:

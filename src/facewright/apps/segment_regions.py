@@ -31,7 +31,7 @@ from facewright.models.region_segmentation import (
     cluster_pieces,
     segment_regions,
 )
-from facewright.models.region_symmetry import cluster_symmetry, nearest_mirror
+from facewright.models.region_symmetry import cluster_symmetry, mirrored_clusters, nearest_mirror
 
 if TYPE_CHECKING:
     from facewright.models.performer_data import PerformerData
@@ -67,7 +67,8 @@ class SegmentOptions:
     ragged_share : float
         Share of a region's vertices at ragged borders that join neighbours; 0 takes the paper by the letter.
     symmetric : bool
-        Whether left and right are treated alike: the affinity is averaged with its mirror image. The paper does not.
+        Whether left and right are treated alike: the affinity is averaged with its mirror image, and clusters that
+        pair up are made each other's images. The paper does neither.
     seed : int
         Of k-means.
     """
@@ -208,6 +209,8 @@ def segment_performers(
         progress=progress,
     )
     labels = found.chosen.labels
+    if options.symmetric:
+        labels = mirrored_clusters(labels, mirror, first.reference[:, 0])
     return SegmentResult(
         share_boundaries(labels, first.faces),
         found,

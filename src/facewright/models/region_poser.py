@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,10 +15,12 @@ from facewright.models._region_kernels import settle, update
 from facewright.models.region_blend import Blend, RegionBlend
 from facewright.models.region_model import RegionModel
 from facewright.numeric.box_pivoting import BoxPivoting
-from facewright.numeric.check import check_indices, check_shape
+from facewright.numeric.check import check_choice, check_indices, check_shape
 
 _FLOOR = 1e-12  # of the system's scale: keeps what neither a constraint nor beta nor gamma holds where it was
 _SMALL_GAMMA = 1e-6  # below, an update of the free system would lose digits
+#: What beta holds: the boundaries together, as eq. 9 says, or as they were before the drag.
+Boundaries = Literal["meet", "keep"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,11 @@ class RegionPoser:
         coefficients into millimetres of the whole region. The paper's: 0.025.
     blend : {"average", "gradient"}
         How boundaries are made one, see `RegionBlend`.
+    boundaries : {"meet", "keep"}
+        ``"meet"`` is eq. 9: the gaps themselves count, so that every new drag closes a little of those that earlier
+        ones left, and moves what nobody touches. ``"keep"``: only what a drag changes counts, of gaps as of copies of a
+        constrained vertex (c - c_0 for c); without constraints, or with them met, nothing moves. From a pose without
+        gaps both are the same.
 
     Raises
     ------
@@ -61,9 +68,16 @@ class RegionPoser:
     """
 
     def __init__(
-        self, model: RegionModel, beta: float = 0.5, gamma: float = 0.025, *, blend: Blend = "average"
+        self,
+        model: RegionModel,
+        beta: float = 0.5,
+        gamma: float = 0.025,
+        *,
+        blend: Blend = "average",
+        boundaries: Boundaries = "meet",
     ) -> None:
-        self.model = model
+        check_choice("boundaries", boundaries, ("meet", "keep"))
+        self.model, self.boundaries = model, boundaries
         self.beta, self.gamma = float(beta), float(gamma)
         self.blend = RegionBlend(model, blend)
         self._boundary, self._offset = boundary_form(model, self.blend.layout)
@@ -75,6 +89,7 @@ class RegionPoser:
         self._box = BoxPivoting(np.eye(P), self._lower, self._upper)
         self._rest, self._free = np.full(P, np.nan), np.zeros(P)
         self._constraints = self._make_constraints(np.zeros(0, np.intp), np.zeros(0))
+        self._origin = self._constraints.origin
         self.set_weights()
         self.solve(np.zeros((0, 3)), np.zeros(P), np.empty((model.n_vertices, 3), np.float32))  # compiles
 
@@ -163,14 +178,13 @@ class RegionPoser:
             raise ShapeError(f"targets must have shape ({len(made.vertices)}, 3), got {goal.shape}.")
         if start.shape != self._free.shape:
             raise ShapeError(f"rest must have shape {self._free.shape}, got {start.shape}.")
+        if not np.array_equal(start, self._rest):
+            self._begin(start)
         if self.bounded:
             zeta = self._solve_in_box(goal, start)
         else:
-            if not np.array_equal(start, self._rest):
-                settle(self._factor, self._constant, self._pull, start, self._free)
-                self._rest[:] = start
             zeta = np.empty_like(start)
-            update(made.rows, made.origin, made.owner, made.axis, self._gain, goal, self._free, zeta)
+            update(made.rows, self._origin, made.owner, made.axis, self._gain, goal, self._free, zeta)
         if out is not None:
             self.blend.positions(zeta, out)
         return zeta
@@ -179,11 +193,28 @@ class RegionPoser:
         """Return the blended positions (N, 3), mm, of coefficients, in `out` where given."""
         return self.blend.positions(zeta, out)
 
+    def _begin(self, start: NDArray[np.float64]) -> None:
+        """Find where the pose goes without constraints, and where constrained copies count from."""
+        made = self._constraints
+        self._rest[:] = start
+        self._origin = made.origin
+        if self.boundaries == "meet":
+            if not self.bounded:
+                settle(self._factor, self._constant, self._pull, start, self._free)
+            return
+        self._free[:] = start
+        if len(made.rows):
+            moved = made.rows @ start
+            # a copy counts from the vertex as it is seen, the mean of its copies
+            key = 3 * made.owner + made.axis
+            seen = np.bincount(key, moved + made.origin) / np.maximum(np.bincount(key), 1)
+            self._origin = np.ascontiguousarray(seen[key] - moved)
+
     def _solve_in_box(self, goal: NDArray[np.float64], start: NDArray[np.float64]) -> NDArray[np.float64]:
         made = self._constraints
-        miss = made.weights * (goal[made.owner, made.axis] - made.origin)
-        c = self._constant + self._pull * start + made.rows.T @ miss
-        return self._box.solve(c)
+        miss = made.weights * (goal[made.owner, made.axis] - self._origin)
+        held = self._constant + self._pull * start if self.boundaries == "meet" else self._system @ start
+        return self._box.solve(held + made.rows.T @ miss)
 
     def _make_constraints(self, vertices: NDArray[np.intp], weights: NDArray[np.float64]) -> _Constraints:
         model, layout = self.model, self.blend.layout

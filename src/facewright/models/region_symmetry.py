@@ -32,3 +32,27 @@ def cluster_symmetry(labels: NDArray[np.integer[Any]], mirror: NDArray[np.intege
     N = check_shape("labels", labels, "N")["N"]
     check_shape("mirror", mirror, N)
     return float(adjusted_rand_score(labels, np.asarray(labels)[mirror]))
+
+
+def mirrored_clusters(
+    labels: NDArray[np.integer[Any]], mirror: NDArray[np.integer[Any]], x: NDArray[np.floating[Any]]
+) -> NDArray[np.int32]:
+    """Return nearly symmetric clusters made exactly so: the left side (x > 0) takes the mirror image of the right one.
+
+    Of labels (N,), a mirror map (N,) and coordinates (N,), millimetres. Clusters of which the mirror images do not pair
+    up stay as they are. On the middle line each vertex keeps its cluster.
+    """
+    N = check_shape("labels", labels, "N")["N"]
+    check_shape("mirror", mirror, N)
+    check_shape("x", x, N)
+    given = np.asarray(labels, dtype=np.int32)
+    k = int(given.max()) + 1
+    shared = np.zeros((k, k), dtype=np.int64)
+    np.add.at(shared, (given, given[mirror]), 1)
+    partner = shared.argmax(axis=1)
+    if not np.array_equal(partner[partner], np.arange(k)):
+        return given
+    result = given.copy()
+    left = (np.asarray(x) > 0) & (np.asarray(mirror) != np.arange(N))
+    result[left] = partner[given[mirror[left]]]
+    return result
