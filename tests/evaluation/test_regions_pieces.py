@@ -1,10 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from facewright.evaluation import regions_generalisation
-from facewright.evaluation.regions_behaviour import measure_boundaries, measure_locality
+from facewright.evaluation.regions_behaviour import measure_boundaries, measure_dragged_boundaries, measure_locality
 from facewright.evaluation.regions_clusters import measure_segmentation
-from facewright.evaluation.regions_generalisation import first_components, measure_generalisation, unseen_rms
+from facewright.evaluation.regions_generalisation import (
+    first_components,
+    measure_generalisation,
+    measure_unseen_segmentation,
+    unseen_rms,
+)
 from facewright.evaluation.regions_session import RegisteredSession, RegistrationErrors
 from facewright.evaluation.regions_speed import DenseSystem, measure_speed
 from facewright.faces.coarse_face import coarse_face
@@ -81,8 +88,10 @@ def test_the_dense_twin_and_the_fast_way_agree(model, rng):
 
 def test_speed_is_measured_beside_the_dense_system(model, builtin_face):
     speed = measure_speed(model, builtin_face, np.array([10, 100, 200, 300]))
-    assert set(speed) == {"drag_us_397", "dense_us_397", "drag_us_6216", "dense_us_6216", "weights_ms"}
+    names = {"drag_us_397", "grab_us_397", "dense_solve_us_397", "dense_us_397", "drag_us_6216", "dense_us_6216"}
+    assert set(speed) == names | {"weights_ms"}
     assert all(value > 0 for value in speed.values())
+    assert speed["drag_us_397"] < speed["grab_us_397"] and speed["dense_solve_us_397"] < speed["dense_us_6216"]
     assert speed["drag_us_397"] < speed["dense_us_397"] and speed["drag_us_6216"] < speed["dense_us_6216"]
 
 
@@ -116,6 +125,7 @@ def test_generalisation_has_every_cell(session, quarters, monkeypatch):
         assert metrics[f"{kind}_rms_mm_unseen_m1"] > 0
     # as many in all: 4 regions of 3 against 12
     assert {"region_rms_mm_all_total_12", "holistic_rms_mm_all_total_12", "all_total_12", "m1_total_12"} <= set(metrics)
+    assert {"holistic_rms_mm_all_thinned_total_12", "holistic_rms_mm_m1_thinned_total_12"} <= set(metrics)
     assert len(steps) == 4 * 2 * 15
 
 
@@ -123,10 +133,32 @@ def test_sparse_components_are_sparse_and_no_better_than_as_many_of_pca(session)
     data = session.performers[0]
     train, test = data.displacements("pride_01"), data.displacements("pride_05")
     found = regions_generalisation._sparse(train, [test], 8, "here")
-    whole = fit_region_pca(train, data.faces, data.neutral, Regions.holistic(397), 8)
+    whole = fit_region_pca(train, data.faces, data.neutral, Regions.holistic(397), 8, centred=True)
     assert 0.2 < found["sparse_zeros_here"] < 1.0
     still = np.sqrt((test.astype(float) ** 2).sum(axis=2).mean())
     assert 0.9 * unseen_rms(whole, test) < found["sparse_rms_mm_here"] < still
+
+
+def test_sparse_components_reconstruct_about_the_mean_of_what_they_saw(session):
+    data = session.performers[0]
+    train, test = data.displacements("pride_01"), data.displacements("pride_05")
+    away = np.array([0.0, 40.0, 0.0], np.float32)  # a mean far from the neutral changes nothing
+    here, there = (
+        regions_generalisation._sparse(train + offset, [test + offset], 8, "here")["sparse_rms_mm_here"]
+        for offset in (0.0 * away, away)
+    )
+    assert there == pytest.approx(here, rel=0.02)
+
+
+def test_regions_of_a_segmentation_without_the_test_sentences_do_not_depend_on_them(session):
+    first = session.performers[0]
+    wild = replace(first.clip("pride_05"), vertices=first.clip("pride_05").vertices[::-1] * np.float32(1.3))
+    other = replace(first, clips=(first.clip("pride_01"), wild))
+    changed = replace(session, performers=(other, *session.performers[1:]))
+    found, again = measure_unseen_segmentation(session, 0), measure_unseen_segmentation(changed, 0)
+    assert found["regions_k_unseen"] == again["regions_k_unseen"] >= 2
+    name = "region_rms_mm_m1_10_unseen_segmentation"
+    assert 0 < found[name] < again[name]
 
 
 def test_regions_keep_a_drag_on_its_side_where_the_data_move_both(builtin_face, coarse, quarters, rng):
@@ -161,6 +193,22 @@ def test_gaps_shrink_with_beta_and_creases_are_those_of_the_error(model, builtin
     count = int(metrics["crease_components"])  # the fewest that are as good
     error, goal = unseen_rms(first_components(whole, count), test), unseen_rms(model, test)
     assert error <= goal + 1e-9 < unseen_rms(first_components(whole, count - 1), test)
+
+
+def test_drags_bend_boundaries_and_the_holistic_model_is_held_against_the_same_edges(model, builtin_face, coarse):
+    train = acted(builtin_face, coarse, np.random.default_rng(0), 150)
+    whole = fit_region_pca(train, coarse.faces, coarse.positions.astype(float), Regions.holistic(397), 30)
+    dragged = np.array([10, 100]), np.array([200, 300])
+    metrics = measure_dragged_boundaries(model, whole, coarse.positions, *dragged)
+    assert 0 < metrics["gap_mean_mm_dragged"] < metrics["gap_max_mm_dragged"] < 5
+    for suffix in ("", "_gradient", "_holistic"):
+        assert 0 < metrics[f"crease_deg_dragged{suffix}"] < metrics[f"crease_max_deg_dragged{suffix}"] < 180
+    contrast = metrics["crease_contrast_dragged"] / metrics["crease_contrast_dragged_holistic"]
+    assert metrics["crease_ratio_dragged"] == pytest.approx(contrast)
+    # spreading the gap bends the boundary less than leaving the step one triangle wide
+    assert metrics["crease_contrast_dragged_gradient"] < metrics["crease_contrast_dragged"]
+    same = measure_dragged_boundaries(model, model, coarse.positions, *dragged)
+    assert same["crease_ratio_dragged"] == pytest.approx(1)
 
 
 def test_a_model_that_explains_everything_has_neither_gaps_nor_creases(builtin_face, coarse, quarters, rng):
@@ -201,6 +249,7 @@ def test_segmentation_by_both_and_by_each_alone(rng):
     found = measure_segmentation(grid_performer(rng), 0)
     assert found.metrics["regions_k"] >= 4 and len(found.result.regions.members) == found.metrics["regions_k"]
     assert found.metrics["in_one_piece"] == 1 and found.metrics["threshold_correlation"] == 0.7
+    assert found.metrics["segmentation_s"] > 0
     for name in ("correlation", "distance"):
         assert {f"regions_k_{name}", f"symmetry_{name}", f"in_one_piece_{name}_at_k", f"loose_{name}_at_k"} <= set(
             found.metrics

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from facewright.apps.segment_regions import SegmentOptions, segment_performers
 from facewright.errors import ValueRangeError
-from facewright.evaluation.regions_behaviour import measure_boundaries, measure_locality
+from facewright.evaluation.regions_behaviour import measure_boundaries, measure_dragged_boundaries, measure_locality
 from facewright.evaluation.regions_clusters import measure_segmentation
-from facewright.evaluation.regions_generalisation import measure_generalisation
+from facewright.evaluation.regions_generalisation import measure_generalisation, measure_unseen_segmentation
 from facewright.evaluation.regions_session import register_session
 from facewright.evaluation.regions_speed import measure_speed
 from facewright.faces.face import Face
@@ -28,8 +28,8 @@ Progress = Callable[[str, int, int], None]
 _PER_REGION, _HOLISTIC_SHARE = 20, 0.99
 #: Components of a holistic model that reconstructs as well as the region-based one.
 _DETAILED = 600
-#: ibug68: corners of the mouth (left, right), a brow, the chin, the other brow.
-_CORNERS, _PINNED = (54, 48), (24, 8, 19)
+#: ibug68: corners of the mouth (left, right), brows (left, right), and a brow, the chin, the other brow.
+_CORNERS, _BROWS, _PINNED = (54, 48), (24, 19), (24, 8, 19)
 
 
 def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: int = 4) -> dict[str, float]:
@@ -54,21 +54,20 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     Returns
     -------
     dict of str to float
-        What `measure_generalisation`, `measure_segmentation`, `measure_locality`, `measure_speed` and
-        `measure_boundaries` say; ``registration_*`` of `RegistrationErrors`, and ``registration_s_per_minute`` of
-        motion; ``posed_regions``: how many the posed model has, which are symmetric (``plain_``: the paper's instead);
-        ``segmentation_s`` and ``training_s``: processor time of M1's segmentations and of one model of all four
+        What `measure_generalisation`, `measure_unseen_segmentation`, `measure_segmentation`, `measure_locality`,
+        `measure_speed`, `measure_boundaries` and `measure_dragged_boundaries` say; ``registration_*`` of
+        `RegistrationErrors`, and ``registration_s_per_minute`` of motion; ``posed_regions``: how many the posed model
+        has, which are symmetric (``plain_``: the paper's instead); ``training_s``: processor time of one model of all
         performers; ``frames``: registered; ``recorded``: 1 where the range of motion is the real recording's.
     """
     if not 2 <= subjects <= len(PERFORMER_NAMES):
         raise ValueRangeError(f"subjects must be in [2, {len(PERFORMER_NAMES)}], got {subjects}.")
     session = register_session(face, seed, progress, names=PERFORMER_NAMES[:subjects])
     first = session.performers[0]
-    start = time.process_time()
     segmented = measure_segmentation(first, seed, progress)
-    segmentation_s = time.process_time() - start
     regions = segmented.result.regions
     general = measure_generalisation(session, regions, progress)
+    general |= measure_unseen_segmentation(session, seed, progress)
     everything = np.concatenate([data.displacements(*session.train) for data in session.performers])
     start = time.process_time()
     fit_region_pca(everything, first.faces, first.neutral, regions, _PER_REGION)
@@ -101,11 +100,11 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
         **segmented.metrics,
         **session.errors.metrics(),
         "registration_s_per_minute": session.seconds,
-        "segmentation_s": segmentation_s,
         "training_s": training_s,
         "frames": float(session.n_frames),
         "recorded": float(session.recorded),
         **measure_boundaries(region, detailed, unseen),
+        **measure_dragged_boundaries(region, holistic, first.reference, corners, _nearest(face, first, _BROWS)),
         **general,
     }
 

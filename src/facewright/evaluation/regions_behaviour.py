@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from facewright.mesh.normals import face_area_vectors
-from facewright.models.region_blend import RegionBlend
+from facewright.models.region_blend import Blend, BoundaryGaps, RegionBlend
 from facewright.models.region_fit import RegionFitter, reconstruction_rms
 from facewright.models.region_model import RegionModel
 from facewright.models.region_poser import RegionPoser
@@ -20,6 +20,7 @@ BETAS = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
 DRAG_MM = 5.0
 #: Directions of the drags, towards the side of the corner (x), up (y) and forwards (z).
 _DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.7, 0.7, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [0.6, -0.8, 0.0]])
+_BROW_DIRECTIONS = np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0], [-0.8, -0.6, 0.0]])
 
 
 def measure_locality(
@@ -120,6 +121,80 @@ def measure_boundaries(
     }
 
 
+def measure_dragged_boundaries(
+    model: RegionModel,
+    holistic: RegionModel,
+    reference: NDArray[np.floating],
+    corners: NDArray[np.integer],
+    brows: NDArray[np.integer],
+) -> dict[str, float]:
+    """Drag corners of the mouth and brows by 5 mm from the neutral, and measure boundaries.
+
+    Parameters
+    ----------
+    model, holistic : RegionModel
+        Of the same data.
+    reference : ndarray of shape (N, 3), millimetres
+        The generic face, whose x tells the sides.
+    corners, brows : ndarray of shape (K,), int
+        Vertices, dragged one by one: corners in five directions, brows up, down and down towards each other.
+
+    Returns
+    -------
+    dict of str to float
+        ``gap_mean_mm_dragged`` and ``gap_max_mm_dragged``: between copies, before blending makes them one;
+        ``crease_deg_dragged``: RMS over the edges with a shared vertex of how much the drag changes the angle between
+        their two triangles, copies averaged; ``crease_max_deg_dragged``: the largest; ``crease_contrast_dragged``: that
+        RMS over the same at all other edges, so that it does not depend on how far the face follows. With
+        ``_gradient``: gaps spread in the gradient domain; ``_holistic``: the holistic model, at the same edges;
+        ``crease_ratio_dragged`` and ``crease_ratio_dragged_gradient``: contrast over the holistic one's.
+    """
+    drags = [(v, way) for v in corners for way in _DIRECTIONS] + [(v, way) for v in brows for way in _BROW_DIRECTIONS]
+    vertices = np.array([vertex for vertex, _ in drags])
+    ways = np.array([way for _, way in drags])
+    ways[:, 0] *= np.sign(reference[vertices, 0])
+    offsets = DRAG_MM * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+    border, inside = _boundary_edges(model), _boundary_edges(model, shared=False)
+    metrics: dict[str, float] = {}
+    kinds: tuple[tuple[str, RegionModel, Blend], ...] = (
+        ("", model, "average"),
+        ("_gradient", model, "gradient"),
+        ("_holistic", holistic, "average"),
+    )
+    for suffix, posed, blend in kinds:
+        moved, gaps = _dragged(RegionPoser(posed, BETA, GAMMA, blend=blend), vertices, offsets)
+        if not suffix:
+            metrics["gap_mean_mm_dragged"] = float(np.mean([gap.mean_mm for gap in gaps]))
+            metrics["gap_max_mm_dragged"] = float(np.max([gap.max_mm for gap in gaps]))
+        here, away = (_bent(posed, moved, pairs) for pairs in (border, inside))
+        metrics[f"crease_deg_dragged{suffix}"] = float(np.sqrt((here**2).mean()))
+        metrics[f"crease_max_deg_dragged{suffix}"] = float(np.abs(here).max())
+        metrics[f"crease_contrast_dragged{suffix}"] = float(np.sqrt((here**2).mean() / (away**2).mean()))
+    for suffix in ("", "_gradient"):
+        contrast = metrics[f"crease_contrast_dragged{suffix}"]
+        metrics[f"crease_ratio_dragged{suffix}"] = contrast / metrics["crease_contrast_dragged_holistic"]
+    return metrics
+
+
+def _dragged(
+    poser: RegionPoser, vertices: NDArray[np.integer], offsets: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], list[BoundaryGaps]]:
+    """Return positions (D, N, 3), mm, and the gaps before blending, of D drags from the neutral, each of one vertex."""
+    moved, gaps = [], []
+    for vertex, offset in zip(vertices, offsets, strict=True):
+        poser.set_constraints([vertex])
+        zeta = poser.solve((poser.model.neutral[vertex] + offset)[None], np.zeros(poser.model.n_coefficients))
+        moved.append(poser.positions(zeta))
+        gaps.append(poser.blend.gaps(zeta))
+    return np.array(moved), gaps
+
+
+def _bent(model: RegionModel, vertices: NDArray[np.float64], pairs: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return by how much (T, E), degrees, the angles between pairs of triangles differ from the neutral's."""
+    still = _bends(model.neutral[None], model.faces, pairs)
+    return np.rad2deg(_bends(vertices, model.faces, pairs) - still)
+
+
 def _as_good(
     holistic: RegionModel, displacements: NDArray[np.floating], rms_mm: float
 ) -> tuple[NDArray[np.float64], int]:
@@ -133,16 +208,16 @@ def _as_good(
     return (coefficients[:, :count] @ basis[:count]).reshape(displacements.shape), count
 
 
-def _boundary_edges(model: RegionModel) -> NDArray[np.intp]:
-    """Return the pairs of triangles (E, 2) that share an edge with an end that regions share."""
+def _boundary_edges(model: RegionModel, *, shared: bool = True) -> NDArray[np.intp]:
+    """Return the pairs of triangles (E, 2) that share an edge with an end that regions share, or without."""
     faces = model.faces
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     owner = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort((edges[:, 1], edges[:, 0]))
     edges, owner = edges[order], owner[order]
     first = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
-    shared = model.regions.count > 1
-    return np.stack([owner[first], owner[first + 1]], axis=1)[shared[edges[first]].any(axis=1)]
+    at_border = (model.regions.count > 1)[edges[first]].any(axis=1)
+    return np.stack([owner[first], owner[first + 1]], axis=1)[at_border == shared]
 
 
 def _bends(vertices: NDArray[np.floating], faces: NDArray[np.integer], pairs: NDArray[np.intp]) -> NDArray[np.float64]:

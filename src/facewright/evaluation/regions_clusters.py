@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -48,11 +49,14 @@ def measure_segmentation(performer: PerformerData, seed: int, progress: Progress
         ``in_one_piece``: share of the clusters that are; ``ragged``: share of the vertices in no triangle of their
         cluster, before they join neighbours; the same with ``_correlation`` and ``_distance``, and with
         ``_at_k`` for these with as many clusters as A has, with ``loose``: how many of them are not compact;
-        ``threshold_correlation``: the highest threshold at which correlation alone leaves no vertex without another.
+        ``threshold_correlation``: the highest threshold at which correlation alone leaves no vertex without another;
+        ``segmentation_s``: processor time of the one by A, the paper's parameters, all numbers of clusters tried.
     """
+    start = time.process_time()
     chosen = segment_performers([performer], options=SegmentOptions(seed=seed), progress=progress)
+    seconds = time.process_time() - start
     k = chosen.segmentation.chosen.n_clusters
-    metrics = _figures(chosen, "")
+    metrics = _figures(chosen, "") | {"segmentation_s": seconds}
     for name, share in _ALONE.items():
         options = SegmentOptions(seed=seed, correlation_share=share)
         free, options = _without_loners(performer, options, progress)

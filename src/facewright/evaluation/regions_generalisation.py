@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from facewright.apps.segment_regions import SegmentOptions, segment_performers
 from facewright.evaluation.regions_session import RegisteredSession
 from facewright.models.region_fit import RegionFitter, reconstruction_rms
 from facewright.models.region_model import RegionModel
@@ -69,7 +70,8 @@ def measure_generalisation(
         ``_1``, ``_5``, ``_10`` and ``_15`` components; ``_unseen_m1``: of the three performers that M1's model has not
         seen; ``region_below``: share of the 240 cells (training, test set, components) in which the region-based model
         is better, 1 in the paper. ``*_rms_mm_total_K`` with K components in all, trained with M1 (``_m1``) and with
-        all, beside ``sparse_rms_mm_total_K`` and ``sparse_zeros``, the share of zeros in those components.
+        all; ``sparse_rms_mm_*_total_K`` and ``sparse_zeros``, the share of zeros in those components, beside
+        ``holistic_rms_mm_*_thinned_total_K``: PCA of the same thinned frames, their mean subtracted too.
     """
     performers, names = session.performers, [data.name for data in session.performers]
     tests = [data.displacements(*session.test) for data in performers]
@@ -92,9 +94,47 @@ def measure_generalisation(
         if count in (1, len(performers)):
             metrics |= _equal_totals(by_region, whole, tests, label)
             total = _SPARSE * len(regions.members)
-            metrics |= _sparse(moves, tests, total, f"{label}_total_{total}")
+            thinned = moves[:: max(1, len(moves) // _SPARSE_FRAMES)]
+            twin = fit_region_pca(thinned, first.faces, first.neutral, holistic, total, centred=True)
+            metrics[f"holistic_rms_mm_{label}_thinned_total_{total}"] = float(
+                np.mean([unseen_rms(twin, test) for test in tests])
+            )
+            metrics |= _sparse(thinned, tests, total, f"{label}_total_{total}")
     metrics["region_below"] = float(np.mean(below))
     return _with_main(metrics)
+
+
+def measure_unseen_segmentation(
+    session: RegisteredSession, seed: int, progress: Progress | None = None
+) -> dict[str, float]:
+    """Segment the first performer's session without the test sentences, and train on the rest as ever.
+
+    The paper segments with all clips of M1, those that M1 is tested with among them.
+
+    Parameters
+    ----------
+    session : RegisteredSession
+    seed : int
+        Of k-means.
+    progress : callable, optional
+        Called with stage, done, total.
+
+    Returns
+    -------
+    dict of str to float
+        ``regions_k_unseen``: clusters found; ``region_rms_mm_m1_10_unseen_segmentation``: to be held against
+        ``region_rms_mm_m1_10``.
+    """
+    first = session.performers[0]
+    clips = [name for name in first.clip_names if name not in session.test]
+    found = segment_performers([first], clips, SegmentOptions(seed=seed), progress)
+    moves = first.displacements(*session.train)
+    model = fit_region_pca(moves, first.faces, first.neutral, found.regions, _MAIN)
+    errors = [unseen_rms(model, data.displacements(*session.test)) for data in session.performers]
+    return {
+        "regions_k_unseen": float(len(found.regions.members)),
+        f"region_rms_mm_m1_{_MAIN}_unseen_segmentation": float(np.mean(errors)),
+    }
 
 
 def _curves(
@@ -145,6 +185,8 @@ def _equal_totals(
 def _sparse(moves: NDArray[np.float32], tests: list[NDArray[np.float32]], total: int, suffix: str) -> dict[str, float]:
     """Return E_RMS of `total` sparse components, fitted to the tests by least squares, and their share of zeros.
 
+    The mean that the learner subtracts is subtracted from the tests and added back.
+
     Scikit-learn's dictionary learning with sparse codes over the coordinates (`MiniBatchSparsePCA`) stands in for
     SPLOCS (Neumann et al. 2013): its components are sparse, but nothing groups x, y and z of a vertex or keeps a
     component in one place.
@@ -152,16 +194,15 @@ def _sparse(moves: NDArray[np.float32], tests: list[NDArray[np.float32]], total:
     from sklearn.decomposition import MiniBatchSparsePCA
 
     flat = moves.reshape(len(moves), -1).astype(np.float64)
-    thinned = flat[:: max(1, len(flat) // _SPARSE_FRAMES)]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         learner = MiniBatchSparsePCA(total, alpha=_SPARSE_ALPHA, max_iter=60, batch_size=32, random_state=0)
-        learner.fit(thinned)
+        learner.fit(flat)
     components = learner.components_[np.abs(learner.components_).sum(axis=1) > 0]
     basis = np.linalg.qr(components.T)[0]
     errors = []
     for test in tests:
-        rows = test.reshape(len(test), -1).astype(np.float64)
-        errors.append(reconstruction_rms(test, (rows @ basis @ basis.T).reshape(test.shape)))
+        rows = test.reshape(len(test), -1).astype(np.float64) - learner.mean_
+        errors.append(reconstruction_rms(test, (learner.mean_ + rows @ basis @ basis.T).reshape(test.shape)))
     zeros = float(np.mean(components == 0))
     return {f"sparse_rms_mm_{suffix}": float(np.mean(errors)), f"sparse_zeros_{suffix}": zeros}

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 
 from facewright.evaluation.regions_behaviour import BETA, GAMMA
 from facewright.faces.character_places import character_places
@@ -38,8 +39,10 @@ def measure_speed(model: RegionModel, face: Face, constrained: NDArray[np.intege
     -------
     dict of str to float
         ``drag_us_N`` and ``drag_us_V``: from a new place of the dragged vertex to all positions in the caller's buffer,
-        microseconds; ``dense_us_N`` and ``dense_us_V``: the same by assembling the dense system, solving it and
-        multiplying out every position each time; ``weights_ms``: after a change of beta or gamma. Best of rounds.
+        microseconds; ``grab_us_N``: setting the constraints and the first of these, as when a vertex is grabbed;
+        ``dense_solve_us_N``: assembling the dense system of eq. 10 and solving it, whatever the number of vertices;
+        ``dense_us_N`` and ``dense_us_V``: that and multiplying out every position, each time; ``weights_ms``: after a
+        change of beta or gamma. Best of rounds.
     """
     poser = RegionPoser(model, BETA, GAMMA)
     poser.set_constraints(constrained)
@@ -52,6 +55,10 @@ def measure_speed(model: RegionModel, face: Face, constrained: NDArray[np.intege
     system = DenseSystem(model)
     follow = driver.weights.follow.toarray()
 
+    def grab(target: NDArray[np.float64]) -> None:
+        poser.set_constraints(constrained)
+        poser.solve(target, rest, out)
+
     def dense_skin(target: NDArray[np.float64]) -> None:
         moved = system.solve(constrained, target, rest) - model.neutral
         dense_out[:] = driver.weights.rest + follow @ np.einsum("nij,nj->ni", driver.weights.turns, moved)
@@ -59,6 +66,10 @@ def measure_speed(model: RegionModel, face: Face, constrained: NDArray[np.intege
     with one_blas_thread():
         return {
             f"drag_us_{N}": _best_us(lambda target: poser.solve(target, rest, out), path, _DRAGS),
+            f"grab_us_{N}": _best_us(grab, path, 20),
+            f"dense_solve_us_{N}": _best_us(
+                lambda target: system.coefficients(constrained, target, rest), path, _DENSE_DRAGS
+            ),
             f"dense_us_{N}": _best_us(lambda target: system.solve(constrained, target, rest), path, _DENSE_DRAGS),
             f"drag_us_{V}": _best_us(lambda target: driver.positions(poser.solve(target, rest), dense_out), path, 40),
             f"dense_us_{V}": _best_us(dense_skin, path, 2),
@@ -67,7 +78,9 @@ def measure_speed(model: RegionModel, face: Face, constrained: NDArray[np.intege
 
 
 class DenseSystem:
-    """Eq. 10 without any precomputation, as the paper states it: the twin that the fast way is held against.
+    """Eq. 10 assembled and solved anew for every drag, as the paper states it: the twin of the fast way.
+
+    Which vertices regions share is looked up once; every product of bases is BLAS's, the solution LAPACK's (Cholesky).
 
     Parameters
     ----------
@@ -76,39 +89,66 @@ class DenseSystem:
 
     def __init__(self, model: RegionModel) -> None:
         self._model = model
+        members, offsets = model.regions.members, model.offsets
+        self._place = np.full((len(members), model.n_vertices), -1)
+        for i, ids in enumerate(members):
+            self._place[i, ids] = np.arange(len(ids))
+        self._pairs = []
+        for i in range(len(members)):
+            for k in range(i + 1, len(members)):
+                both = np.flatnonzero((self._place[i] >= 0) & (self._place[k] >= 0))
+                if len(both):
+                    of_i, of_k = self._place[i, both], self._place[k, both]
+                    differ = np.concatenate([_rows(model, i, of_i), -_rows(model, k, of_k)])
+                    apart = (model.means[i][of_i] - model.means[k][of_k]).ravel()
+                    parts = slice(offsets[i], offsets[i + 1]), slice(offsets[k], offsets[k + 1])
+                    self._pairs.append((differ, apart, *parts))
+
+    def coefficients(
+        self, constrained: NDArray[np.integer], targets: NDArray[np.floating], rest: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Assemble the dense system of eq. 10 and return its solution (P,)."""
+        model = self._model
+        P, offsets = model.n_coefficients, model.offsets
+        H = np.zeros((P, P))
+        H[np.diag_indices(P)] = GAMMA
+        right = GAMMA * rest
+        goals = targets - model.neutral[constrained]
+        for i, at in enumerate(self._place[:, constrained]):
+            held = at >= 0
+            if held.any():
+                B = _rows(model, i, at[held])
+                here = slice(offsets[i], offsets[i + 1])
+                H[here, here] += B @ B.T
+                right[here] += B @ (goals[held] - model.means[i][at[held]]).ravel()
+        for differ, apart, here, there in self._pairs:
+            square, pull = BETA * (differ @ differ.T), BETA * (differ @ apart)
+            n = here.stop - here.start
+            H[here, here] += square[:n, :n]
+            H[there, there] += square[n:, n:]
+            H[there, here] += square[n:, :n]  # the lower half: Cholesky reads no other
+            right[here] -= pull[:n]
+            right[there] -= pull[n:]
+        factor = cho_factor(H.T, overwrite_a=True, check_finite=False)  # H.T is in LAPACK's order, its upper half full
+        return np.asarray(cho_solve(factor, right, check_finite=False))
 
     def solve(
         self, constrained: NDArray[np.integer], targets: NDArray[np.floating], rest: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Assemble the dense system of eq. 10, solve it, and return the averaged positions (N, 3), mm."""
-        model = self._model
-        P, offsets, members = model.n_coefficients, model.offsets, model.regions.members
-        H = GAMMA * np.eye(P)
-        right = GAMMA * rest
-        for i, ids in enumerate(members):
-            _, at, which = np.intersect1d(ids, constrained, return_indices=True)
-            B = model.bases[i][:, at].reshape(len(model.bases[i]), -1)
-            here = slice(offsets[i], offsets[i + 1])
-            H[here, here] += B @ B.T
-            right[here] += B @ (targets[which] - model.neutral[constrained[which]] - model.means[i][at]).ravel()
-            for k in range(i + 1, len(members)):
-                _, of_i, of_k = np.intersect1d(ids, members[k], return_indices=True)
-                if len(of_i):
-                    Bi = model.bases[i][:, of_i].reshape(len(model.bases[i]), -1)
-                    Bk = model.bases[k][:, of_k].reshape(len(model.bases[k]), -1)
-                    there = slice(offsets[k], offsets[k + 1])
-                    apart = (model.means[i][of_i] - model.means[k][of_k]).ravel()
-                    H[here, here] += BETA * Bi @ Bi.T
-                    H[there, there] += BETA * Bk @ Bk.T
-                    H[here, there] -= BETA * Bi @ Bk.T
-                    H[there, here] -= BETA * Bk @ Bi.T
-                    right[here] -= BETA * Bi @ apart
-                    right[there] += BETA * Bk @ apart
-        zeta = np.linalg.solve(H, right)
+        """Return the averaged positions (N, 3), mm, of `coefficients`."""
+        model, offsets = self._model, self._model.offsets
+        zeta = self.coefficients(constrained, targets, rest)
         total = np.zeros((model.n_vertices, 3))
-        for i, ids in enumerate(members):
-            total[ids] += model.means[i] + np.tensordot(zeta[offsets[i] : offsets[i + 1]], model.bases[i], 1)
+        for i, ids in enumerate(model.regions.members):
+            basis = model.bases[i].reshape(len(model.bases[i]), -1)
+            total[ids] += model.means[i] + (zeta[offsets[i] : offsets[i + 1]] @ basis).reshape(-1, 3)
         return np.asarray(model.neutral + total / model.regions.count[:, None])
+
+
+def _rows(model: RegionModel, region: int, local: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the basis (P_i, 3 K) at K vertices of a region."""
+    basis = model.bases[region]
+    return basis[:, local].reshape(len(basis), 3 * len(local))
 
 
 def _path(start: NDArray[np.float64]) -> NDArray[np.float64]:
