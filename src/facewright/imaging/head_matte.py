@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from facewright.imaging.blocks import enlarge, masked_means
 from facewright.imaging.guided_filter import fit_local_lines
-from facewright.imaging.matte_trust import matte_trust
+from facewright.imaging.matte_trust import matte_trust, smoothness
 from facewright.imaging.rasterise import rasterise
 from facewright.imaging.source_surface import BODY, INNER, SourceSurface
 from facewright.numeric.check import check_shape
@@ -30,6 +30,7 @@ _BINS = 16
 _STEEP = (0.15, 0.65)  # of the filtered map, what is none and what is all
 _BLOCK_ROWS = 512
 _FINDER_RIM = (0.022, 0.03)  # so far within the finder's outline all is person, so far beyond it nothing
+_FINE = 400  # pixels that the head has, at most, where holes and specks are sought
 _CLOSED = 0.012  # of the head's size: narrower gaps in the person are none
 
 
@@ -92,11 +93,23 @@ def find_head_matte(photo: NDArray[np.uint8], surface: SourceSurface, find_perso
     person, colour, certainty = _decide(small, prior, sure, head)
     if found is not None:
         person = _within_finder(person, prior, sure, head)
-    ys, xs = np.mgrid[: small.shape[0], : small.shape[1]]
-    along = surface.down / max(float(np.linalg.norm(surface.down)), 1e-9)
-    chin = (surface.chin - (x0, y0) + 0.5) / n - 0.5
-    below = (xs - chin[0]) * along[0] + (ys - chin[1]) * along[1]
+    below = _below_chin(surface, (x0, y0), n, small.shape[:2])
     trust = matte_trust(person, colour, found, skull, below, head)
+    alpha = _at_full_size(part, person, small, head, n)
+    _clean(alpha, surface.head_size)
+    smooth, k = smoothness(alpha, surface.head_size)
+    trusted = np.empty(part.shape[:2], np.uint8)
+    for top in range(0, part.shape[0], _BLOCK_ROWS):
+        rows = slice(top, min(top + _BLOCK_ROWS, part.shape[0]))
+        both = enlarge(trust[..., None], n, part.shape[:2], rows) * enlarge(smooth, k, part.shape[:2], rows)
+        trusted[rows] = np.rint(255 * np.clip(both[..., 0], 0, 1))
+    return HeadMatte((x0, y0), alpha, trusted, certainty)
+
+
+def _at_full_size(
+    part: NDArray[np.uint8], person: NDArray[np.float32], small: NDArray[np.float32], head: float, n: int
+) -> NDArray[np.uint8]:
+    """Return the matte whose edges are the picture's."""
     line = fit_local_lines(person, small, max(1, round(_RADIUS * head)), _NOISE)
     alpha = np.empty(part.shape[:2], np.uint8)
     for top in range(0, part.shape[0], _BLOCK_ROWS):
@@ -105,9 +118,15 @@ def find_head_matte(photo: NDArray[np.uint8], surface: SourceSurface, find_perso
         share += (enlarge(line.slope, n, part.shape[:2], rows) * (part[rows] / np.float32(255))).sum(axis=2)
         t = np.clip((share - _STEEP[0]) / (_STEEP[1] - _STEEP[0]), 0, 1)
         alpha[rows] = np.rint(255 * t * t * (3 - 2 * t))
-    _clean(alpha, _CLOSED * surface.head_size)
-    trusted = np.rint(255 * np.clip(enlarge(trust[..., None], n, part.shape[:2])[..., 0], 0, 1)).astype(np.uint8)
-    return HeadMatte((x0, y0), alpha, trusted, certainty)
+    return alpha
+
+
+def _below_chin(surface: SourceSurface, origin: tuple[int, int], n: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return how far the pixels of the reduced picture lie below the chin."""
+    ys, xs = np.mgrid[: shape[0], : shape[1]]
+    along = surface.down / max(float(np.linalg.norm(surface.down)), 1e-9)
+    chin = (surface.chin - origin + 0.5) / n - 0.5
+    return np.asarray((xs - chin[0]) * along[0] + (ys - chin[1]) * along[1])
 
 
 def _within_finder(
@@ -120,22 +139,21 @@ def _within_finder(
     return np.asarray(np.where(beyond, np.float32(0), person), dtype=np.float32)
 
 
-def _clean(alpha: NDArray[np.uint8], closed: float) -> None:
+def _clean(alpha: NDArray[np.uint8], head_size: float) -> None:
     """Fill holes and narrow gaps, take loose specks away, in place."""
-    r = max(1, round(closed))
-    solid = np.pad(alpha > 127, 2 * r, mode="edge")
+    n = max(1, round(head_size / _FINE))
+    r = max(1, round(_CLOSED * head_size / n))
+    solid = np.pad(masked_means(alpha[..., None], None, n)[0][..., 0] > 127, 2 * r, mode="edge")
     solid = ndimage.distance_transform_edt(~solid) <= r  # closing with a disk
     solid = ndimage.distance_transform_edt(solid) > r
     solid = ndimage.distance_transform_edt(solid) > 0.5 * r  # opening with a smaller one: no threads
     solid = ndimage.binary_fill_holes(ndimage.distance_transform_edt(~solid) <= 0.5 * r)
     pieces, count = ndimage.label(solid)
     if count > 1:
-        sizes = np.bincount(pieces.ravel())[1:]
-        solid = pieces == 1 + int(np.argmax(sizes))
-    within = ndimage.distance_transform_edt(solid)[2 * r : -2 * r, 2 * r : -2 * r]
-    beyond = ndimage.distance_transform_edt(~solid)[2 * r : -2 * r, 2 * r : -2 * r]
-    alpha[within > 1.0 * r] = 255
-    alpha[beyond > 1.0 * r] = 0
+        solid = pieces == 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
+    for sure, value in ((_eroded(solid, r), 255), (_eroded(~solid, r), 0)):
+        whole = sure[2 * r : -2 * r, 2 * r : -2 * r].repeat(n, axis=0).repeat(n, axis=1)
+        alpha[whole[: alpha.shape[0], : alpha.shape[1]]] = value
 
 
 def _box(surface: SourceSurface, size: tuple[int, int]) -> tuple[int, int, int, int]:
