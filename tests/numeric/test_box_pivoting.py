@@ -1,5 +1,7 @@
 """Quadratic problems within bounds by pivoting, against projected Newton steps."""
 
+import warnings
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -28,6 +30,34 @@ def test_minimiser_is_that_of_projected_newton_and_fulfils_the_conditions(seed, 
         np.testing.assert_allclose(slope[inside], 0.0, atol=1e-7)
         assert (slope[x == lower] >= -1e-7).all() and (slope[x == upper] <= 1e-7).all()
         np.testing.assert_allclose(x, solve_bounded_quadratic(H, c, lower, upper), atol=1e-5)
+
+
+def test_it_ends_within_the_bounds_where_coordinates_look_alike_and_differ_in_size():
+    """Rank 30 of 90 unknowns, sizes over six decades, a trace of a ridge: pivoting alone goes round in circles."""
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(30, 90)) * 10.0 ** rng.uniform(-3, 3, 90)
+    H = A.T @ A
+    H[np.diag_indices(90)] *= 1.0 + 1e-6
+    box = BoxPivoting(H, np.zeros(90), np.ones(90))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(5):
+            c = A.T @ rng.normal(size=30) * 100
+            x = box.solve(c)
+            assert (x >= 0).all() and (x <= 1).all()
+            slope = (H @ x - c) / np.sqrt(np.diag(H))
+            scale = 1e-6 * np.abs(c / np.sqrt(np.diag(H))).max()
+            assert (slope[x < 1] >= -scale).all() and (slope[x > 0] <= scale).all()
+
+
+def test_descent_alone_finds_the_same():
+    rng = np.random.default_rng(6)
+    A = rng.normal(size=(40, 25))
+    H, c = A.T @ A, rng.normal(size=25) * 40
+    box = BoxPivoting(H, np.zeros(25), np.ones(25))
+    wanted = box.solve(c)
+    box._pivot = lambda c, scale: (np.full(25, 9.0), False)
+    np.testing.assert_allclose(box.solve(c), wanted, atol=1e-7)
 
 
 def test_another_matrix_takes_its_place():

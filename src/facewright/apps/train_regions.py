@@ -24,6 +24,8 @@ BASES: tuple[Basis, ...] = ("pca", "blendshapes")
 
 #: Components of each region where none are named.
 COMPONENTS = 15
+#: Frames that a bounded basis is measured on: each is a search of its own.
+MEASURED_FRAMES = 200
 _ROUNDING = 1e-3
 
 
@@ -184,13 +186,24 @@ def train_regions(
         for one in performers
     }
     remarks = _remarks(model, options)
-    return TrainResult(
-        model,
-        sum(len(frames) for frames in train.values()),
-        _measure(model, train, options.beta),
-        _measure(model, {name: frames for name, frames in other.items() if len(frames)}, options.beta),
-        remarks,
-    )
+    measured = [train, {name: frames for name, frames in other.items() if len(frames)}]
+    if options.basis == "blendshapes":
+        thinned = [_thinned(frames) for frames in measured]
+        all_of_them, left = (sum(len(f) for group in groups for f in group.values()) for groups in (measured, thinned))
+        if left < all_of_them:
+            remarks += (f"the reconstruction is measured on {left} of {all_of_them} frames, evenly spread.",)
+        measured = thinned
+    trained, unseen = (_measure(model, frames, options.beta, report) for frames in measured)
+    return TrainResult(model, sum(len(frames) for frames in train.values()), trained, unseen, remarks)
+
+
+def _thinned(frames: Mapping[str, NDArray[np.float32]]) -> dict[str, NDArray[np.float32]]:
+    """Return up to `MEASURED_FRAMES` frames of all performers together, evenly spread over each one's."""
+    most = max(MEASURED_FRAMES // max(len(frames), 1), 1)
+    return {
+        name: moves[np.linspace(0, len(moves) - 1, most).round().astype(int)] if len(moves) > most else moves
+        for name, moves in frames.items()
+    }
 
 
 def _one_mesh(performers: Sequence[PerformerData]) -> PerformerData:
@@ -295,16 +308,21 @@ def _template_rig(performer: PerformerData) -> Any:
     return BlendshapeRig(face.mean_shape[ids], face.blendshape_names, face.blendshape_deltas[:, ids])
 
 
-def _measure(model: RegionModel, frames: Mapping[str, NDArray[np.float32]], beta: float) -> dict[str, float]:
+def _measure(
+    model: RegionModel, frames: Mapping[str, NDArray[np.float32]], beta: float, report: Progress
+) -> dict[str, float]:
     """Return eq. 13 for each performer."""
     from facewright.models.region_fit import RegionFitter, reconstruction_rms
 
     fitter = RegionFitter(model, beta)
-    return {
-        name: reconstruction_rms(moves, fitter.reconstruct(fitter.fit(moves)))
-        for name, moves in frames.items()
-        if len(moves)
-    }
+    result = {}
+    for done, (name, moves) in enumerate(frames.items()):
+        report("measuring", done, len(frames))
+        if len(moves):
+            result[name] = reconstruction_rms(moves, fitter.reconstruct(fitter.fit(moves)))
+    if frames:
+        report("measuring", len(frames), len(frames))
+    return result
 
 
 def _remarks(model: RegionModel, options: TrainOptions) -> tuple[str, ...]:
