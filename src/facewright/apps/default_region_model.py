@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Progress = Callable[[str, int, int], None]
 
 #: Raised when the recipe below changes, so that models of the old one are built again.
-_RECIPE = 3
+_RECIPE = 4
 _SEED, _RATE = 0, 15.0
 _PER_REGION = 20
 _HOLISTIC_SHARE = 0.99  # of the squared motion: about as much as so many components keep of a region's

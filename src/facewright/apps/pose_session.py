@@ -53,7 +53,7 @@ class PoseSession(PoseSteps):
         autosave: Path | None = None,
     ) -> None:
         super().__init__(PoseSolver(model, holistic, beta, gamma), beta, gamma, autosave)
-        self.mirror = nearest_mirror(model.neutral)
+        self.mirror = nearest_mirror(model.neutral, model.faces)
         self._grabbed: NDArray[np.int64] | None = None  # vertices that follow the hand, the grabbed one first
         self._grabbed_at: NDArray[np.float64] = np.zeros((0, 3))
 

@@ -31,7 +31,7 @@ from facewright.models.region_segmentation import (
     cluster_pieces,
     segment_regions,
 )
-from facewright.models.region_symmetry import cluster_symmetry, mirrored_clusters, nearest_mirror
+from facewright.models.region_symmetry import cluster_symmetry, mirrored_clusters, mirrored_regions, nearest_mirror
 
 if TYPE_CHECKING:
     from facewright.models.performer_data import PerformerData
@@ -194,7 +194,7 @@ def segment_performers(
     affinity = region_affinity(
         correlation, near, share=options.correlation_share, threshold=options.threshold
     )  # Eq. (12)
-    mirror = first.mirror if first.mirror is not None else nearest_mirror(first.reference)
+    mirror = first.mirror if first.mirror is not None else nearest_mirror(first.reference, first.faces)
     if options.symmetric:
         affinity = _both_sides(affinity, mirror)
     found = segment_regions(
@@ -211,8 +211,11 @@ def segment_performers(
     labels = found.chosen.labels
     if options.symmetric:
         labels = mirrored_clusters(labels, mirror, first.reference[:, 0])
+    regions = share_boundaries(labels, first.faces)
+    if options.symmetric:
+        regions = mirrored_regions(regions, labels, mirror)
     return SegmentResult(
-        share_boundaries(labels, first.faces),
+        regions,
         found,
         cluster_pieces(labels, first.faces),
         cluster_symmetry(labels, mirror),

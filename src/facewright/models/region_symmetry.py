@@ -8,18 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from facewright.mesh.connectivity import vertex_adjacency
+from facewright.models.regions import Regions
 from facewright.numeric.check import check_finite, check_shape
 
 
-def nearest_mirror(vertices: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
+def nearest_mirror(vertices: NDArray[np.floating[Any]], faces: NDArray[np.integer[Any]]) -> NDArray[np.int32]:
     """Return for each vertex (N,) the one nearest to its mirror image about x = 0.
 
-    For meshes sampled without a mirror map; of vertices (N, 3), millimetres.
+    For meshes sampled without a mirror map; of vertices (N, 3), millimetres, and triangles (F, 3). Neighbours count
+    too: closed lips lie on each other.
     """
-    check_shape("vertices", vertices, "N", 3)
+    N = check_shape("vertices", vertices, "N", 3)["N"]
     check_finite("vertices", vertices)
     points = np.asarray(vertices, dtype=np.float64)
-    return np.asarray(cKDTree(points).query(points * [-1.0, 1.0, 1.0])[1], dtype=np.int32)
+    adjacency = vertex_adjacency(faces, N)
+    count = np.maximum(np.asarray(adjacency.sum(axis=1)).ravel(), 1.0)[:, None]
+    features = np.concatenate([points, adjacency @ points / count], axis=1)
+    return np.asarray(cKDTree(features).query(features * np.tile([-1.0, 1.0, 1.0], 2))[1], dtype=np.int32)
 
 
 def cluster_symmetry(labels: NDArray[np.integer[Any]], mirror: NDArray[np.integer[Any]]) -> float:
@@ -46,13 +52,30 @@ def mirrored_clusters(
     check_shape("mirror", mirror, N)
     check_shape("x", x, N)
     given = np.asarray(labels, dtype=np.int32)
-    k = int(given.max()) + 1
-    shared = np.zeros((k, k), dtype=np.int64)
-    np.add.at(shared, (given, given[mirror]), 1)
-    partner = shared.argmax(axis=1)
-    if not np.array_equal(partner[partner], np.arange(k)):
-        return given
+    partner = _partners(given, mirror)
     result = given.copy()
-    left = (np.asarray(x) > 0) & (np.asarray(mirror) != np.arange(N))
-    result[left] = partner[given[mirror[left]]]
+    if partner is not None:
+        left = (np.asarray(x) > 0) & (np.asarray(mirror) != np.arange(N))
+        result[left] = partner[given[mirror[left]]]
     return result
+
+
+def mirrored_regions(regions: Regions, labels: NDArray[np.integer[Any]], mirror: NDArray[np.integer[Any]]) -> Regions:
+    """Return regions of symmetric clusters (N,) that also share the mirror images of what they share."""
+    partner = _partners(np.asarray(labels), mirror)
+    if partner is None:
+        return regions
+    members = tuple(
+        np.union1d(ids, np.asarray(mirror)[regions.members[partner[i]]]).astype(np.int32)
+        for i, ids in enumerate(regions.members)
+    )
+    return Regions(regions.n_vertices, members, regions.names)
+
+
+def _partners(labels: NDArray[np.integer[Any]], mirror: NDArray[np.integer[Any]]) -> NDArray[np.intp] | None:
+    """Return the cluster that each cluster's mirror image is most like, (k,), or None where they do not pair up."""
+    k = int(labels.max()) + 1
+    shared = np.zeros((k, k), dtype=np.int64)
+    np.add.at(shared, (labels, labels[mirror]), 1)
+    partner = shared.argmax(axis=1)
+    return partner if np.array_equal(partner[partner], np.arange(k)) else None
