@@ -86,7 +86,7 @@ def tongue_at(across, down):
     return 3 * rise**2 - 2 * rise**3, bright, shine
 
 
-def mouth_colour(s, m, kind, x, y, below, height, corner, across):
+def mouth_colour(s, m, kind, x, y, below, above, height, corner, across):
     place = s["x0"] + (x + 0.5) / s["step"] - 0.5, s["y0"] + (y + 0.5) / s["step"] - 0.5
     over, under = layer_at(s["skull"], *place, s["skull_map"]), layer_at(s["jaw"], *place, s["jaw_map"])
     behind, gap = s["shadow_mm"], max(height, 0)
@@ -115,7 +115,11 @@ def mouth_colour(s, m, kind, x, y, below, height, corner, across):
     value = s["encode"][(np.clip(linear, 0, 1) * (len(s["encode"]) - 1) + 0.5).astype(int)]
     shade = layers ** (1 / 2.2) * (1 - (0.16 + 0.03 * k) * np.minimum(k, 1) * (1 - layers))
     value = value + (under[:3] * shade - value) * np.clip(under[3], 0, 1)
-    return value + (over[:3] * shade - value) * np.clip(over[3], 0, 1)
+    value = value + (over[:3] * shade - value) * np.clip(over[3], 0, 1)
+    seen = np.clip((height - s["slit"][3]) / (s["slit"][4] - s["slit"][3]), 0, 1)
+    edge = 0.45 * np.exp(-((below / 0.7) ** 2)) + 0.30 * np.exp(-((above / 0.5) ** 2))
+    edge = min(edge, 1) * (1 - np.clip(height / s["slit"][4] - 1, 0, 1))
+    return value + (s["slit"][:3] - value) * (1 - (3 * seen**2 - 2 * seen**3) * (1 - edge))
 
 
 def compose_pixel(s, image, py, px):
@@ -159,7 +163,7 @@ def compose_pixel(s, image, py, px):
             )
             corner, across = (half - abs(x - middle)) * mm, (x - middle) / half
             if kind > 2:
-                colours.append(mouth_colour(s, m, kind, x, y, below, height, corner, across))
+                colours.append(mouth_colour(s, m, kind, x, y, below, above, height, corner, across))
                 continue
             colour = skin_colour(s, a) if kind <= 1 else eye_colour(s, a, below, above, corner)
             colours.append(colour + (s["lash_colour"][:3] - colour) * lashes(s, x, y))

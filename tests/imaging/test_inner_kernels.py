@@ -47,7 +47,7 @@ def scene(rng, step, kinds, tongue, modelled=False):
         "lash_colour": np.array([40, 30, 20, 0.8, 0.5], np.float32),
         "lash_line": lash_line.astype(np.float32), "iris": np.array([9.0, 8.0, 6.0]),
         "glint": (60 * rng.random((9, 11, 3))).astype(np.float32), "glint_at": np.array([4.0, 3.0], np.float32),
-        "key": np.float32(0.6), "was_behind": np.float32(0.5),
+        "key": np.float32(0.6), "was_behind": np.float32(0.5), "slit": np.array([50, 30, 25, 1.0, 4.5], np.float32),
         "eye_picture": (255 * rng.random((13, 18, 3))).astype(np.float32), "eye": np.array([2.0, 1.0], np.float32),
         "mouth": mouth, "flesh": np.array([0.4, 0.1, 0.1], np.float32), "tooth": np.array([0.8, 0.7, 0.6], np.float32),
         "cavity": np.array([0.1, 0.02, 0.02], np.float32), "depth_mm": np.float32(14), "tongue": np.float32(tongue),
@@ -77,7 +77,7 @@ def test_the_kernel_and_its_plain_twin_draw_the_same(rng, step, kinds, tongue, m
         s["grain"], s["lash_colour"], s["lash_line"], s["eye_picture"], *s["eye"],
         s["iris"], s["glint"], *s["glint_at"],
         s["mouth"], s["flesh"], s["tooth"], s["cavity"], s["depth_mm"], s["tongue"], s["key"],
-        s["was_behind"],
+        s["was_behind"], s["slit"],
         s["skull"], s["skull_map"], s["jaw"], s["jaw_map"], s["encode"],
     )  # fmt: skip
     expected, drawn = before.astype(float), np.zeros_like(touched)

@@ -28,6 +28,7 @@ from facewright.fitting.energies.expression_prior import ExpressionPrior
 from facewright.fitting.face_surface import FaceSurface, SurfacePoints
 from facewright.fitting.image_term import ImageTerm
 from facewright.fitting.lid_aperture import lid_closure, open_aperture
+from facewright.fitting.lip_closure import lip_closure, lip_gap_row, with_lips_closed
 from facewright.fitting.performance_smoothing import fill_gaps, smooth_coefficients, smooth_motion
 from facewright.fitting.perspective_refinement import CameraPrior
 from facewright.fitting.shot_image import SHOT_FRAMES, learn_shot
@@ -253,6 +254,7 @@ class VideoFitter:
                 for row in range(kept.start, kept.stop):
                     residuals[row] = self._residual(track, who, row, states[row - chunk.start])
         weights[track.tracked] = without_rest(weights[track.tracked])
+        weights[track.tracked] = self._with_lips(who, track.points[track.tracked], weights[track.tracked])
         performance = Performance(
             times=track.times,
             names=self.dense.names,
@@ -266,6 +268,16 @@ class VideoFitter:
         if whole is not None:
             performance = replace(performance, gaze=clip_gaze(*whole, who.intrinsics, performance, track))
         return VideoFit(who, fill_gaps(performance), residuals)
+
+    def _with_lips(
+        self, who: ClipIdentity, points: NDArray[np.floating], weights: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the coefficients with lips that touch where the detector's do."""
+        masks = self.model.topology.masks
+        if "lip_contact_upper" not in masks or "lip_contact_lower" not in masks:
+            return weights
+        row = lip_gap_row(who.rig, masks["lip_contact_upper"], masks["lip_contact_lower"])
+        return with_lips_closed(weights, self.dense.names, lip_closure(points), row)
 
     def _surface(self, who: ClipIdentity) -> FaceSurface:
         """Return the skin of the person in the clip."""

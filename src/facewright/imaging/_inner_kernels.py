@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from facewright.imaging._shade_kernels import between_lids, between_lips, slit_share, under_lip
+
 # Columns of the vertex attributes that `compose` takes: eyeballs have the place of what they mirror instead of grain,
 SOURCE_X, SOURCE_Y, LID, LID_R, LID_G, LID_B, WET, RIM, GRAIN_X, GRAIN_Y = range(10)
 N_SKIN_COLUMNS = 10
@@ -87,29 +89,6 @@ def _look_up_layer(layer, x, y, terms, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, inline="always")
-def between_lips(height, corner, behind):  # type: ignore[no-untyped-def]
-    """Return the share of light, linear, that gets between lips: little into a slit, into depth and the corners.
-
-    In millimetres: how far the lips are apart there, how far the nearer corner is, how far teeth are behind the lip.
-    """
-    gap, deep = max(height, 0.0), 1.2 + 0.5 * max(behind, 0.0)
-    return min(1.0, 1.08 * gap * gap / (gap * gap + deep * deep)) * (1 - 0.28 * np.exp(-max(corner, 0.0) / 3.0))
-
-
-@njit(cache=True, nogil=True, inline="always")
-def under_lip(below, shadow, behind):  # type: ignore[no-untyped-def]
-    """Return the share of light, linear, that an upper lip `behind` mm off the teeth leaves so far below it."""
-    return 1 - shadow * np.exp(-max(below, 0.0) / min(max(0.5 * behind, 0.8), 3.0))
-
-
-@njit(cache=True, nogil=True, inline="always")
-def between_lids(below, above, corner, shadow, shadow_mm):  # type: ignore[no-untyped-def]
-    """Return the share of light, sRGB over sRGB, on an eyeball at distances (mm) from lids and nearer corner."""
-    light = 1 - shadow * np.exp(-max(below, 0.0) / shadow_mm)
-    return light * (1 - 0.15 * np.exp(-max(above, 0.0) / 0.8)) * (1 - 0.22 * np.exp(-max(corner, 0.0) / 2.0))
-
-
-@njit(cache=True, nogil=True, inline="always")
 def tooth_surface(u, v):  # type: ignore[no-untyped-def]
     """Return what a row of teeth without modelled ones shows at u teeth along the arch and v down the crown.
 
@@ -170,7 +149,7 @@ def compose(  # type: ignore[no-untyped-def]
     image, touched, x0, y0, step, face_index, barycentric, faces, kinds, edges, px_per_mm, mix,
     skin, skin_picture, origin_x, origin_y, shadow, shadow_mm,
     grain, lash_colour, lash_line, eye_picture, eye_x, eye_y, iris, glint, glint_x, glint_y,
-    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm, tongue, key, was_behind,
+    mouth, flesh_colour, tooth_colour, cavity_colour, depth_mm, tongue, key, was_behind, slit,
     skull, skull_map, jaw, jaw_map, encode,
 ):  # fmt: skip
     """Draw one opening into `image` (H, W, 3) uint8, whose pixel (x0, y0) holds the first step x step samples.
@@ -233,6 +212,9 @@ def compose(  # type: ignore[no-untyped-def]
                                 below / max(height, 1e-3), flesh_colour, tooth_colour, cavity_colour, depth_mm, tongue,
                                 key, encode, scratch,
                             )  # fmt: skip
+                            dark = slit_share(height, below, above, slit[3], slit[4])
+                            for k in range(3):
+                                colour[k] += (slit[k] - colour[k]) * dark
                         for k in range(3):
                             scratch[3, k] += colour[k]
             iy, ix = y0 + py, x0 + px

@@ -52,6 +52,8 @@ from facewright.imaging.rasterise import rasterise
 from facewright.numeric.check import check_shape
 
 _TOUCH_MM = 0.9
+#: The dark line between lips that touch: how dark, and half its width, mm.
+_SEAM, _SEAM_MM = 0.65, 0.3
 #: Motion of an opening against itself, mm: below the first the plain warp of the photo is right.
 _MOTION_MM = (0.25, 1.0)
 _ENCODE = (255.0 * srgb_from_linear(np.linspace(0, 1, 4096))).astype(np.float32)
@@ -231,13 +233,16 @@ class InnerFace:
             np.float32(source.tongue * _ease((gap - 3.0) / 9.0)),
             np.float32(self._key),
             np.float32(source.behind),
+            source.slit,
             source.layers.skull,
             maps[0],
             source.layers.jaw,
             maps[1],
         )
         shadow = (LIP_SHADOW, behind_lip(opening, source.rows[0], seen))
-        self._draw(image, marks, source, target, mix, skin, shadow, NO_EYE, look, front)
+        seam = NO_EYE._replace(lash_colour=np.array([*source.slit[:3], _SEAM, max(_SEAM_MM, 0.5 / scale)], np.float32))
+        line = _seam_line(opening, pixels, scale)
+        self._draw(image, marks, source, target, mix, skin, shadow, seam, look, front, line)
 
     def _wet(self, opening: Opening, seen: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how dark the lips' inner sides are, (M,), and the line between closing lips."""
@@ -332,6 +337,20 @@ def _own_motion(source: OpeningSource, pixels: NDArray[np.float64]) -> float:
 def _gap(opening: Opening, seen: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the distance between lips or lids at the pairs that touch, (K,), millimetres."""
     return np.asarray(np.linalg.norm(seen[opening.upper] - seen[opening.lower], axis=1))
+
+
+def _seam_line(opening: Opening, pixels: NDArray[np.floating], scale: float) -> NDArray[np.float64]:
+    """Return the dark line between lips where they touch, (K, 4): x, y, strength and width of its points."""
+    order = np.argsort(pixels[opening.upper, 0])
+    above, below = pixels[opening.upper][order], pixels[opening.lower][order]
+    if len(order) < 2:
+        return np.zeros((0, 4))
+    at = 0.5 * (above + below)
+    along = (at[-1] - at[0]) / max(float(np.linalg.norm(at[-1] - at[0])), 1e-9)
+    gap = (below - above) @ (-along[1], along[0]) / scale  # below 0 where lips are pressed into one another
+    strength = 1 - np.clip(gap / _TOUCH_MM - 0.5, 0, 1)
+    ends = np.clip((1 - np.abs(np.linspace(-1.0, 1.0, len(order)))) / 0.15, 0, 1)
+    return np.column_stack([at, strength * ends, np.ones(len(order))])
 
 
 def _by_columns(points: NDArray[np.float64], origin: tuple[int, int], step: int, n: int) -> NDArray[np.float32]:

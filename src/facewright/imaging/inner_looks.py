@@ -36,6 +36,7 @@ class MouthLook(NamedTuple):
     tongue: np.float32
     key: np.float32
     was_behind: np.float32
+    slit: NDArray[np.float32]
     skull: NDArray[np.float32]
     skull_map: NDArray[np.float64]
     jaw: NDArray[np.float32]
@@ -66,6 +67,7 @@ NO_MOUTH = MouthLook(
     _ZERO,
     _ZERO,
     np.float32(1),
+    np.array([0, 0, 0, 0, 1], np.float32),
     NO_LAYER,
     NO_MAP,
     NO_LAYER,

@@ -28,6 +28,10 @@ _TOOTH_OF_SCLERA = np.array([1.0, 0.97, 0.86])
 _TINT = 0.05
 #: Depth of the shadow of the upper lip on teeth.
 LIP_SHADOW = 0.25
+#: Lips less than 0.36 of this apart show nothing but a dark line between them; teeth are plain from here on.
+_SLIT_MM = 5.0
+#: That line's colour as a share of the lips': warm, for what light there is comes off them.
+_SLIT_TONE = np.array([0.40, 0.30, 0.30])
 _FORWARD = np.array([[0.0, 0.0, -1.0]])
 _LEAST_SIDE = 3  # pixels, of what a photo must show of an opening
 
@@ -81,6 +85,9 @@ class MouthSource(OpeningSource):
         1 where the face has no tongue of its own and one is to be drawn, else 0.
     behind : float
         How far the teeth lie behind the upper lip in the photo, mm.
+    slit : ndarray of shape (5,), float32
+        sRGB, [0, 255], of the dark between lips that hardly part, and the gaps, mm, up to which nothing else is seen
+        and from which nothing of it is.
     """
 
     layers: MouthLayers
@@ -91,6 +98,7 @@ class MouthSource(OpeningSource):
     wall: NDArray[np.float32]
     tongue: float
     behind: float
+    slit: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +187,7 @@ def mouth_source(
         wall=linear_from_srgb(np.array(_WALL)),
         tongue=float(not any("tongue" in name for name in face.topology.parts)),
         behind=behind,
+        slit=_slit(colour, layers, inside, look.scale),
     )
 
 
@@ -244,6 +253,17 @@ def _unshade(layers: MouthLayers, inside: NDArray[np.bool_], scale: float, behin
     for layer in (layers.skull, layers.jaw):
         if layer[..., 3].any():
             unshade(layer, first, last, middle, half, scale, behind)
+
+
+def _slit(
+    lips: NDArray[np.floating], layers: MouthLayers, inside: NDArray[np.bool_], scale: float
+) -> NDArray[np.float32]:
+    """Return what is seen between lips that hardly part, see `MouthSource`: a shadow of their own colour."""
+    most = _SLIT_MM
+    if layers.tooth is not None:  # teeth that the photo shows stay as they are
+        heights = inside.sum(axis=0)[inside.any(axis=0)] / scale
+        most = float(np.clip(0.8 * np.percentile(heights, 70), 0.6 * _SLIT_MM, _SLIT_MM))
+    return np.array([*(_SLIT_TONE * lips), 0.36 * most, most], np.float32)
 
 
 def _light_on_eye(look: _Look, edges: NDArray[np.float32]) -> NDArray[np.float32]:
