@@ -1,5 +1,7 @@
 """Two layers of a photo: together they are the photo; moved, the background stays."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,24 @@ def test_beyond_the_box_the_photo_stays(layers):
     assert not moved[:, :5].any()
     inner, _, _ = found.resample(photo, np.full((*SIZE, 2), (-6.0, 0.0), np.float32), (0, 0))
     np.testing.assert_array_equal(part[3:-3, 5:-5][:, 10:-10], inner[:, 10:-10])
+
+
+def test_without_trust_it_is_the_plain_look_up(layers):
+    """What lies behind bends with the person, as it does where there are no layers."""
+    photo, found = layers
+    field = np.full((*SIZE, 2), (-6.0, 0.0), np.float32)
+    plain, _ = resample_displaced(photo, field)
+    part, _, shares = replace(found, trust=np.zeros(SIZE, np.uint8)).resample(photo, field.copy(), (0, 0))
+    np.testing.assert_array_equal(part, plain)
+    assert (shares == 255).all()
+    half, _, _ = replace(found, trust=np.full(SIZE, 128, np.uint8)).resample(photo, field.copy(), (0, 0))
+    whole, _, _ = found.resample(photo, field.copy(), (0, 0))
+    np.testing.assert_allclose(half, plain + 128 / 255 * (whole.astype(float) - plain), atol=1.01)
+
+
+def test_trust_is_looked_up_in_the_photo(layers):
+    _, found = layers
+    trust = np.zeros(SIZE, np.uint8)
+    trust[10, 20] = 255
+    box = replace(found, trust=trust, origin=(5, 3))
+    np.testing.assert_array_equal(box.trust_at(np.array([[25.2, 12.9], [24.0, 13.0], [-50.0, 900.0]])), [1, 0, 0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from facewright.imaging.source_surface import BODY, HEAD, INNER, SourceSurface, 
 from facewright.imaging.wide_blur import block_means
 from facewright.mesh.geodesics import path_graph
 from facewright.mesh.normals import vertex_normals
+from facewright.numeric.check import check_shape
 from facewright.numeric.similarity import estimate_similarity
 
 _BEYOND_MM = (4.0, 22.0)  # from the face and the ears: where hair may be, the mirrored side ends
@@ -99,6 +100,11 @@ class MirroredSkin:
         near = chosen[surface.faces].any(axis=1) & (surface.kinds == HEAD)
         normals = vertex_normals(view.camera_vertices, surface.faces)[ids]
         return cls(surface, ids, np.column_stack([weights, over])[ids], normals, cosine[ids], attributes, near)
+
+    def held(self, share: NDArray[np.floating]) -> MirroredSkin:
+        """Return the same with less of it, by a share for each vertex (V,): where an outline is in doubt."""
+        check_shape("share", share, len(self.attributes))
+        return replace(self, weights=self.weights * np.asarray(share)[self.ids, None])
 
     def paint(
         self,

@@ -92,6 +92,12 @@ class PhotoLayers:
         state[~ndimage.maximum_filter(hidden | (alpha > 0), 5, mode="nearest")] = BEHIND
         return cls(matte.origin, alpha, front, plate, state, hidden, matte.trust, max(1.5, _FADE * surface.head_size))
 
+    def trust_at(self, pixels: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Return how far the layers hold at places (N, 2) of the photo, 0 to 1; the box's border beyond it."""
+        (h, w), at = self.trust.shape, np.rint(np.nan_to_num(pixels) - self.origin)
+        x, y = np.clip(at[:, 0], 0, w - 1).astype(int), np.clip(at[:, 1], 0, h - 1).astype(int)
+        return self.trust[y, x] / 255.0
+
     def resample(
         self, photo: NDArray[np.uint8 | np.float32], displacement: NDArray[np.float32], origin: tuple[int, int]
     ) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.uint8]]:

@@ -137,6 +137,8 @@ class PhotoSynthesiser:
         self.surface = SourceSurface.of(source, face)
         self.mirrored = MirroredSkin.of(photo, self.surface, face)
         self.layers = PhotoLayers.of(photo, self.surface, find_person)
+        if self.layers is not None and self.mirrored is not None:
+            self.mirrored = self.mirrored.held(self.layers.trust_at(source.pixels))
         self.field = HeadField(self.surface, (photo.shape[0], photo.shape[1]), **asdict(self.options))
 
     def draw(self, target: MeshView, gaze: NDArray[np.floating] | None = None) -> Synthesis:
