@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from facewright.faces.contact import face_contacts
 from facewright.faces.face import Face
 from facewright.faces.rigid_motion import rigid_vertices
+from facewright.mesh.normals import vertex_normals
 from facewright.models.character_contact import RADIUS_BINS, LidClearance, Seals
 
 #: Contacts, and below which gap they are drawn together, mm.
@@ -15,6 +16,8 @@ _CONTACTS = {"lips": 0.6, "upper_lid_left": 0.6, "upper_lid_right": 0.6}
 _LEAST = 1e-3  # of a pair's change: what moves less does not give way
 _LID_MM = 6.0  # skin within this distance of an eyeball is its lids'
 _CLEAR_MM = 0.25
+_FACING = 0.0  # cosine: the lids' inner side faces the eyeball, and goes into it where nobody sees it
+_LAYER = 0.12  # of what lies further out at rest: the outer skin of a lid stays in front of its inner side
 
 
 def character_seals(character: Face) -> Seals:
@@ -51,6 +54,7 @@ def lid_clearance(character: Face) -> LidClearance:
     names = [name for name, kind in character.rigid_parts.items() if kind == "eye"]
     if not names:
         return LidClearance.none()
+    normals = vertex_normals(skin, character.skin().topology.faces)
     ids, eye, margins, centres, radii = [], [], [], [], []
     for number, name in enumerate(names):
         eyeball = rest[rigid_vertices(character, name)]
@@ -60,10 +64,11 @@ def lid_clearance(character: Face) -> LidClearance:
         length = np.linalg.norm(arms, axis=1)
         cosine = arms[:, 2] / np.maximum(length, 1e-9)
         above = length - np.interp(cosine, np.linspace(-1.0, 1.0, RADIUS_BINS), profile)
-        near = np.flatnonzero((above < _LID_MM) & (cosine > 0.0))
+        outward = np.einsum("vc,vc->v", normals, arms) / np.maximum(length, 1e-9)
+        near = np.flatnonzero((above < _LID_MM) & (cosine > 0.0) & (outward > _FACING))
         ids.append(near)
         eye.append(np.full(len(near), number))
-        margins.append(np.minimum(above[near], _CLEAR_MM))
+        margins.append(np.minimum(above[near], _CLEAR_MM + _LAYER * np.maximum(above[near] - _CLEAR_MM, 0.0)))
         centres.append(centre)
         radii.append(profile)
     return LidClearance(

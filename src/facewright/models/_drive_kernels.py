@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 _REORDERED = {"reassoc", "contract", "nsz", "arcp"}
+_PASSES = 3
 _CLOSED = 0.3  # of a pair's reach: a gap below is closed, one above the reach stays
 
 
@@ -89,19 +90,25 @@ def seal(upper, lower, floors, reaches, moved, spread, out):  # type: ignore[no-
 
 @njit(cache=True, nogil=True, fastmath=_REORDERED)
 def clear_eyeballs(ids, eye, margins, centres, radii, out):  # type: ignore[no-untyped-def]
-    """Move vertices of the lids out of the eyeballs along rays from their centres."""
+    """Move vertices of the lids out of the eyeballs at their height: lids that meet go on meeting, none is stretched.
+
+    Away from the vertical axis through the centre of each eyeball, whose radius goes by the angle to +z.
+    """
     bins = radii.shape[1]
     for k in range(ids.size):
         v, e = ids[k], eye[k]
         x, y, z = out[v, 0] - centres[e, 0], out[v, 1] - centres[e, 1], out[v, 2] - centres[e, 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        if length < 1e-6:
+        across = np.sqrt(x * x + z * z)
+        if across < 1e-6:
             continue
-        place = (z / length + 1.0) * 0.5 * (bins - 1)
-        low = min(int(place), bins - 2)
-        share = place - low
-        lack = radii[e, low] * (1.0 - share) + radii[e, low + 1] * share + margins[k] - length
-        if lack > 0.0:
-            out[v, 0] += x / length * lack
-            out[v, 1] += y / length * lack
-            out[v, 2] += z / length * lack
+        for _ in range(_PASSES):  # the radius changes with the angle
+            length = np.sqrt(x * x + y * y + z * z)
+            place = (z / length + 1.0) * 0.5 * (bins - 1)
+            low = min(int(place), bins - 2)
+            share = place - low
+            radius = radii[e, low] * (1.0 - share) + radii[e, low + 1] * share + margins[k]
+            if length >= radius:
+                break
+            wider = np.sqrt(radius * radius - y * y) / across
+            x, z, across = x * wider, z * wider, across * wider
+            out[v, 0], out[v, 2] = centres[e, 0] + x, centres[e, 2] + z
