@@ -67,7 +67,7 @@ def run(face: Face, seed: int, progress: Progress | None = None, *, subjects: in
     segmented = measure_segmentation(first, seed, progress)
     regions = segmented.result.regions
     general = measure_generalisation(session, regions, progress)
-    general |= measure_unseen_segmentation(session, seed, progress)
+    general |= measure_unseen_segmentation(session, seed, len(regions.members), progress)
     everything = np.concatenate([data.displacements(*session.train) for data in session.performers])
     start = time.process_time()
     fit_region_pca(everything, first.faces, first.neutral, regions, _PER_REGION)

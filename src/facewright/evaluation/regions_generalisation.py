@@ -105,7 +105,7 @@ def measure_generalisation(
 
 
 def measure_unseen_segmentation(
-    session: RegisteredSession, seed: int, progress: Progress | None = None
+    session: RegisteredSession, seed: int, n_regions: int, progress: Progress | None = None
 ) -> dict[str, float]:
     """Segment the first performer's session without the test sentences, and train on the rest as ever.
 
@@ -116,6 +116,8 @@ def measure_unseen_segmentation(
     session : RegisteredSession
     seed : int
         Of k-means.
+    n_regions : int
+        As many as the segmentation with all clips has.
     progress : callable, optional
         Called with stage, done, total.
 
@@ -123,18 +125,22 @@ def measure_unseen_segmentation(
     -------
     dict of str to float
         ``regions_k_unseen``: clusters found; ``region_rms_mm_m1_10_unseen_segmentation``: to be held against
-        ``region_rms_mm_m1_10``.
+        ``region_rms_mm_m1_10``; with ``_at_k``: with `n_regions` clusters, for more of them have more coefficients.
     """
     first = session.performers[0]
     clips = [name for name in first.clip_names if name not in session.test]
-    found = segment_performers([first], clips, SegmentOptions(seed=seed), progress)
     moves = first.displacements(*session.train)
-    model = fit_region_pca(moves, first.faces, first.neutral, found.regions, _MAIN)
-    errors = [unseen_rms(model, data.displacements(*session.test)) for data in session.performers]
-    return {
-        "regions_k_unseen": float(len(found.regions.members)),
-        f"region_rms_mm_m1_{_MAIN}_unseen_segmentation": float(np.mean(errors)),
-    }
+    tests = [data.displacements(*session.test) for data in session.performers]
+    metrics = {}
+    for suffix, wanted in (("", None), ("_at_k", n_regions)):
+        options = SegmentOptions(seed=seed, n_regions=wanted)
+        regions = segment_performers([first], clips, options, progress).regions
+        model = fit_region_pca(moves, first.faces, first.neutral, regions, _MAIN)
+        errors = [unseen_rms(model, test) for test in tests]
+        metrics[f"region_rms_mm_m1_{_MAIN}_unseen_segmentation{suffix}"] = float(np.mean(errors))
+        if wanted is None:
+            metrics["regions_k_unseen"] = float(len(regions.members))
+    return metrics
 
 
 def _curves(
