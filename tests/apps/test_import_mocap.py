@@ -130,6 +130,59 @@ def test_folders_of_meshes_in_the_order_of_numbers(tmp_path):
     assert np.abs(few.clip("wave").recorded() - clip.vertices[:, few.vertex_ids]).max() < 1e-3
 
 
+def test_a_folder_of_archives_is_a_clip_each(tmp_path):
+    points, faces = _sheet()
+    (tmp_path / "meshes").mkdir()
+    for name in ("talk", "neutral"):
+        clip = np.stack([points, points + np.float32(1)])
+        np.savez(tmp_path / "meshes" / f"{name}.npz", times=np.arange(2.0), vertices=clip, faces=faces)
+    request = ImportMocapRequest((tmp_path / "meshes",), tmp_path / "a.fwms", meshes=True, n_vertices=60)
+    data = import_mocap(request).data
+    assert data.clip_names == ("neutral", "talk") and data.statistics["neutral"] == "neutral:0"
+    twice = ImportMocapRequest(
+        (tmp_path / "meshes", tmp_path / "meshes" / "talk.npz"), tmp_path / "b.fwms", meshes=True
+    )
+    with pytest.raises(ValueRangeError, match="'talk' twice"):
+        import_mocap(twice)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileFormatError, match=r"or clips in \.npz, got none"):
+        import_mocap(ImportMocapRequest((tmp_path / "empty",), tmp_path / "b.fwms", meshes=True))
+    assert not (tmp_path / "b.fwms").exists()
+
+
+def test_labels_of_others_exit_with_two(recordings, tmp_path):
+    from facewright.cli.main import app
+    from facewright.io.markers import read_markers
+
+    folder = tmp_path / "F1"
+    folder.mkdir()
+    good = {name: read_markers(recordings / name, up="y").markers for name in ("neutral.trc", "pride_05.csv")}
+    order = np.random.default_rng(2).permutation(len(good["pride_05.csv"].labels))
+    bad = good["pride_05.csv"]
+    write_markers(folder / "neutral.csv", good["neutral.trc"])
+    write_markers(folder / "pride_05.csv", MarkerData(bad.times, bad.labels, bad.positions[:, order]))
+    done = CliRunner().invoke(app, ["mocap", "import", str(folder), "-o", str(tmp_path / "a.fwms"), "--up", "y"])
+    assert done.exit_code == 2 and "clip pride_05 must" in done.stderr.replace("\n", " ")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["F1"]
+
+
+def test_the_picture_frames_everything():
+    from facewright.apps.mocap_picture import _VIEWS, _frame
+    from facewright.imaging.portrait import portrait_view
+
+    points = np.random.default_rng(0).uniform([-90, -100, 20], [90, 150, 130], (300, 3))
+    size = (420, 360)
+    frame = _frame(points, size)
+    pixels = np.concatenate(
+        [
+            portrait_view(points, size, yaw_degrees=yaw, centre_mm=frame.centre, height_mm=frame.height)[1]
+            for yaw in _VIEWS
+        ]
+    )
+    assert (pixels > 5).all() and (pixels < np.array(size[::-1]) - 6).all()
+    assert (np.ptp(pixels, axis=0) / size[::-1]).max() > 0.8
+
+
 def test_refused_meshes(tmp_path):
     points, faces = _sheet()
     apart = np.concatenate([points, points + np.float32(500)]), np.concatenate([faces, faces + 144])

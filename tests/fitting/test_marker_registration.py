@@ -99,7 +99,9 @@ def test_the_head_is_held_still(scene, registered, builtin_face):
     assert np.allclose(np.linalg.det(clip.rotations), 1.0)
     forehead = np.isin(data.vertex_ids, builtin_face.topology.masks["nose"]) & (data.neutral[:, 1] > 20.0)
     assert forehead.sum() >= 3
-    assert _rms(np.linalg.norm(clip.vertices[:, forehead] - data.neutral[forehead], axis=2)) < 1.2  # rage wrinkles the nose
+    assert (
+        _rms(np.linalg.norm(clip.vertices[:, forehead] - data.neutral[forehead], axis=2)) < 1.2
+    )  # rage wrinkles the nose
     recorded = clip.recorded()[:, forehead]
     assert _rms(np.linalg.norm(recorded - recorded.mean(axis=0), axis=2)) > 2.0
 
@@ -164,6 +166,55 @@ def test_refusals(scene, builtin_face):
     for settings in ({"standoff_mm": -1.0}, {"gap_limit_s": -0.1}, {"frames_per_second": 0.0}):
         with pytest.raises(ValueRangeError):
             RegistrationSettings(**settings)
+
+
+def _exchanged(positions, share, rng):
+    """That share of the markers bear the label of another one, in a ring."""
+    M = positions.shape[1]
+    chosen, order = rng.permutation(M)[: round(share * M)], np.arange(M)
+    order[chosen] = np.roll(chosen, 1)
+    return positions[:, order], chosen
+
+
+@pytest.mark.parametrize("share", [0.1, 0.4, 1.0])
+def test_a_clip_under_other_labels_is_refused(scene, builtin_face, share):
+    performer, truth, centres, rest = scene
+    rng = np.random.default_rng(8)
+    labels = performer.layout.labels
+    wrong, _ = _exchanged(centres, share, rng)
+    clips = {
+        "rest": _markers(np.arange(8.0), labels, rest, rng),
+        "good": _markers(truth.times, labels, centres, rng),
+        "bad": _markers(truth.times, labels, wrong, rng),
+    }
+    with pytest.raises(ValueRangeError, match=r"clip bad must .* mm, in 40 of 40 frames .* or leave it out\."):
+        register_performer(clips, builtin_face)
+
+
+def test_a_few_wrong_labels_and_a_few_wrong_frames_are_left_out(scene, registered, builtin_face):
+    performer, truth, centres, rest = scene
+    rng = np.random.default_rng(9)
+    labels = performer.layout.labels
+    wrong, chosen = _exchanged(centres, 0.04, rng)
+    torn = centres.copy()
+    torn[7:10], _ = _exchanged(centres[7:10], 0.5, rng)
+    clips = {
+        "rest": _markers(np.arange(8.0), labels, rest, rng),
+        "rage": _markers(truth.times, labels, wrong, rng),
+        "torn": _markers(truth.times, labels, torn, rng),
+    }
+    found = register_performer(clips, builtin_face).data
+    notes = found.statistics["clips"]
+    names = {labels[k] for k in chosen}
+    assert set(notes["rage"]["labels_out_of_place"]) <= names
+    assert len(notes["rage"]["labels_out_of_place"]) >= 0.8 * len(names) and notes["rage"]["frames_implausible"] == 0
+    good = registered[0].data.clip("rage").vertices
+    assert _rms(np.linalg.norm(found.clip("rage").vertices - good, axis=2)) < 0.7
+    assert notes["torn"]["frames_implausible"] == 3 and notes["torn"]["labels_out_of_place"] == []
+    kept = np.r_[0:7, 10:40]
+    assert np.array_equal(found.clip("torn").times, truth.times[kept])
+    assert _rms(np.linalg.norm(found.clip("torn").vertices - good[kept], axis=2)) < 0.7
+    assert not any(note["frames_implausible"] for note in registered[0].data.statistics["clips"].values())
 
 
 def test_up_is_found(scene, builtin_face):

@@ -118,3 +118,35 @@ def test_good_markers_are_left_alone(scene):
         mend_labels(empty, rest, precision)
     with pytest.raises(ShapeError):
         mend_labels(offsets, rest[:-1], precision)
+
+
+def _ring(points, frames, labels):
+    """Labels (a ring, each the next one's place) of those frames."""
+    points[frames.start : frames.stop, labels] = points[frames.start : frames.stop, np.roll(labels, 1)]
+
+
+def test_frames_with_too_many_strange_markers_are_told(scene, rng):
+    rest, _, _, offsets, precision = scene
+    points = offsets + rest
+    _ring(points, range(20, 30), rng.permutation(M)[:5])
+    _ring(points, range(50, 70), rng.permutation(M)[:30])
+    mended = mend_labels(points - rest, rest, precision)
+    assert (mended.n_stray > 0).nonzero()[0].tolist() == list(range(50, 70)) and mended.stray_mm > 5.0
+    gone = np.isnan(mended.offsets).any(axis=2).sum(axis=1)
+    assert (gone[20:30] <= 5).all() and (gone[50:70] == 6).all() and not gone[:20].any()
+    clean = mend_labels(offsets, rest, precision)
+    assert not clean.n_stray.any() and clean.stray_mm == 0.0
+
+
+def test_a_sixteenth_of_many_markers_may_be_left_out(rng):
+    many = 160  # on a sheet that hardly bends
+    i, k = np.divmod(np.arange(many), 16)
+    rest = np.stack([10.0 * k, 10.0 * i, np.zeros(many)], axis=1)
+    offsets = rng.normal(0, NOISE, (3, many, 3))
+    precision = np.eye(3 * many) / 0.3**2
+    loose = rng.permutation(many)[:11]
+    offsets[1, loose[:10]] += 40.0
+    offsets[2, loose] += 40.0
+    mended = mend_labels(offsets, rest, precision)
+    assert mended.n_left_out == 20 and mended.n_stray.tolist() == [0, 0, 1]
+    assert mended.stray_mm == pytest.approx(40.0 * 3**0.5, abs=1.5)

@@ -24,7 +24,8 @@ class ImportMocapRequest:
     Parameters
     ----------
     files : tuple of Path
-        Marker files (.c3d, .trc, .csv) or folders of them; with `meshes`, folders of OBJ or PLY files, or .npz files.
+        Marker files (.c3d, .trc, .csv) or folders of them; with `meshes`, folders of OBJ or PLY files, .npz files, or
+        folders of .npz files.
     out : Path
         The performer's file (.fwms).
     template : str
@@ -158,7 +159,7 @@ def _import_markers(request: ImportMocapRequest, progress: Progress | None) -> I
 
 
 def _import_meshes(request: ImportMocapRequest, progress: Progress | None) -> ImportMocapResult:
-    from facewright.apps.mesh_sequences import performer_from_meshes, read_mesh_sequence
+    from facewright.apps.mesh_sequences import mesh_recordings, performer_from_meshes, read_mesh_sequence
     from facewright.apps.mocap_picture import coarse_meshes
     from facewright.io.image import write_image
 
@@ -166,12 +167,11 @@ def _import_meshes(request: ImportMocapRequest, progress: Progress | None) -> Im
     if not (rate > 0 and np.isfinite(rate)):
         raise ValueRangeError(f"frames_per_second must be positive, got {rate}.")
     clips = {}
-    for number, path in enumerate(request.files):
-        if path.stem in clips:
-            raise ValueRangeError(f"recordings must have different names, got {path.stem!r} twice.")
-        clips[path.stem] = read_mesh_sequence(path, rate)
+    paths = mesh_recordings(request.files)
+    for number, (name, path) in enumerate(paths.items()):
+        clips[name] = read_mesh_sequence(path, rate)
         if progress is not None:
-            progress("reading meshes", number + 1, len(request.files))
+            progress("reading meshes", number + 1, len(paths))
     data = performer_from_meshes(
         clips, name=_name(request), n_vertices=request.n_vertices, neutral=request.neutral, progress=progress
     )
@@ -228,6 +228,12 @@ def _told(data: PerformerData) -> list[str]:
     for name, clip in clips.items():
         if clip["frames_left_out"]:
             notes.append(f"{name}: {clip['frames_left_out']} frames with fewer than half the markers were left out.")
+        if clip["frames_implausible"]:
+            notes.append(f"{name}: {clip['frames_implausible']} frames whose markers lie on no face were left out.")
+        if clip["labels_out_of_place"]:
+            wrong = clip["labels_out_of_place"]
+            some = ", ".join(wrong[:4]) + (", ..." if len(wrong) > 4 else "")
+            notes.append(f"{name}: {len(wrong)} markers ({some}) are out of place in most frames: labelled wrongly?")
         if clip["labels_missing"]:
             notes.append(f"{name}: {len(clip['labels_missing'])} markers that are seen at rest are missing.")
         if clip["labels_unknown"]:

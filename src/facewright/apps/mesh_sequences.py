@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -58,10 +58,30 @@ def read_mesh_sequence(path: Path, frames_per_second: float) -> MeshSequence:
     )
 
 
+def mesh_recordings(files: Sequence[Path]) -> dict[str, Path]:
+    """Return the clips by name: each file or folder of meshes, and each .npz file of a folder without meshes.
+
+    Raises
+    ------
+    ValueRangeError
+        If two bear one name.
+    """
+    found: dict[str, Path] = {}
+    for file in files:
+        inside = [file]
+        if file.is_dir() and not any(path.suffix.lower() in _SUFFIXES for path in file.iterdir()):
+            inside = sorted(file.glob("*.npz")) or [file]
+        for path in inside:
+            if path.stem in found:
+                raise ValueRangeError(f"recordings must have different names, got {path.stem!r} twice.")
+            found[path.stem] = path
+    return found
+
+
 def _read_folder(path: Path, frames_per_second: float) -> MeshSequence:
     files = [file for file in path.iterdir() if file.suffix.lower() in _SUFFIXES]
     if not files:
-        raise FileFormatError(f"{path} must hold meshes in {' or '.join(_SUFFIXES)}, got none.")
+        raise FileFormatError(f"{path} must hold meshes in {' or '.join(_SUFFIXES)}, or clips in .npz, got none.")
     # frame_9 comes before frame_10
     files.sort(key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
     meshes = [read_obj(file) if file.suffix.lower() == ".obj" else read_ply(file) for file in files]

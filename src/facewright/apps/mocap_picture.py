@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +20,7 @@ Picture = NDArray[np.uint8]
 _SKIN = (0.78, 0.64, 0.58)
 _MARKER, _LINE = (250, 210, 40), (40, 90, 200)
 _VIEWS = (0.0, 40.0)
+_MARGIN = 0.04  # free at each side, of the picture
 _N_FRAMES = 3
 
 
@@ -37,10 +40,11 @@ def markers_over_mesh(performer: RegisteredPerformer, *, size: tuple[int, int] =
     moved = [performer.reference_from_head.apply(v[None])[0] for v in vertices]
     dots = [performer.reference_from_head.apply(markers[None])[0] for _, markers in chosen]
     coarse = surface.coarse_places
+    frame = _frame(np.concatenate([*(v[coarse] for v in moved), *dots]), size)
     rows = []
     for yaw in _VIEWS:
         for v, markers in zip(moved, dots):
-            rows.append(_draw(v, surface.faces, v[coarse], data.faces, markers, yaw, size))
+            rows.append(_draw(v, surface.faces, v[coarse], data.faces, markers, yaw, size, frame))
     captions = [name for name, _ in chosen] + ["" for _ in chosen]
     return contact_sheet(rows, captions, columns=len(chosen))
 
@@ -51,7 +55,8 @@ def coarse_meshes(data: PerformerData, *, size: tuple[int, int] = (420, 360)) ->
     chosen = [("at rest", data.neutral)]
     chosen += [(f"{data.clips[c].name} {data.clips[c].times[t]:.2f} s", data.clips[c].vertices[t]) for c, t in shown]
     none = np.empty((0, 3))
-    rows = [_draw(v, data.faces, v, data.faces, none, yaw, size) for yaw in _VIEWS for _, v in chosen]
+    frame = _frame(np.concatenate([v for _, v in chosen]), size)
+    rows = [_draw(v, data.faces, v, data.faces, none, yaw, size, frame) for yaw in _VIEWS for _, v in chosen]
     return contact_sheet(rows, [name for name, _ in chosen] + ["" for _ in chosen], columns=len(chosen))
 
 
@@ -73,6 +78,26 @@ def _markers(performer: RegisteredPerformer, clip: int, frame: int) -> NDArray[n
     return performer.markers[performer.data.clips[clip].name][frame]
 
 
+class _Frame(NamedTuple):
+    """The part of space that is shown: its middle, and its extent from top to bottom, millimetres."""
+
+    centre: tuple[float, float, float]
+    height: float
+
+
+def _frame(points: NDArray[np.floating], size: tuple[int, int]) -> _Frame:
+    """Return what shows all points (K, 3) from all sides of `_VIEWS`."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre = 0.5 * (low + high)
+    far = np.concatenate(
+        [portrait_view(points, size, yaw_degrees=yaw, centre_mm=centre, height_mm=100.0)[1] for yaw in _VIEWS]
+    )
+    middle = 0.5 * (np.array(size[::-1]) - 1.0)
+    share = np.abs(far - middle).max(axis=0) / (middle * (1.0 - 2.0 * _MARGIN))
+    x, y, z = (float(c) for c in centre)
+    return _Frame((x, y, z), 100.0 * float(share.max()))
+
+
 def _draw(
     vertices: NDArray[np.floating],
     faces: NDArray[np.integer],
@@ -81,8 +106,9 @@ def _draw(
     markers: NDArray[np.floating],
     yaw: float,
     size: tuple[int, int],
+    frame: _Frame,
 ) -> Picture:
-    view = {"yaw_degrees": yaw, "centre_mm": (0.0, 0.0, 60.0), "height_mm": 230.0}
+    view = {"yaw_degrees": yaw, "centre_mm": frame.centre, "height_mm": frame.height}
     camera, pixels = portrait_view(vertices, size, **view)  # type: ignore[arg-type]
     albedo = np.broadcast_to(np.array(_SKIN, dtype=np.float32), (len(vertices), 3))
     image = render_mesh(camera, pixels, faces, size, albedo=albedo).image

@@ -41,7 +41,7 @@ def import_files(
     fps: Annotated[float | None, typer.Option(help="Frames a second to keep; all if absent.")] = None,
     meshes: Annotated[
         bool,
-        typer.Option("--meshes", help="FILES are mesh sequences: folders of OBJ or PLY, or .npz; nothing is fitted."),
+        typer.Option("--meshes", help="FILES are mesh sequences: folders of OBJ or PLY, .npz, or folders of .npz."),
     ] = False,
     picture: Annotated[Path | None, typer.Option(help="Picture of markers over mesh; beside OUT if absent.")] = None,
     as_json: JsonOption = False,
@@ -56,6 +56,7 @@ def import_files(
       facewright mocap import M1/ -o M1.fwms --template ict
       facewright mocap import neutral.c3d take1.c3d -o anna.fwms --neutral neutral:0 --fps 30
       facewright mocap import --meshes smile/ talk/ -o bob.fwms
+      facewright mocap import --meshes session/M1/meshes/ -o M1.fwms
     """
     from facewright.apps.import_mocap import ImportMocapRequest, import_mocap
 

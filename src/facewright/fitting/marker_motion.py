@@ -61,6 +61,10 @@ class MarkerMotion:
     longest_gap_s : float
     partner : ndarray of shape (T, M), int
         Whose label each marker bore, compared with the frame at rest; -1 where it was not seen or left out.
+    n_stray : ndarray of shape (T,), int
+        Markers still out of place, see `mend_labels`: where there are any, the frame's mesh is not to be believed.
+    stray_mm : float
+        How far, by the median.
     """
 
     vertices: Array
@@ -73,6 +77,8 @@ class MarkerMotion:
     n_beyond: int
     longest_gap_s: float
     partner: NDArray[np.intp]
+    n_stray: NDArray[np.intp]
+    stray_mm: float
 
 
 class MarkerRegistration:
@@ -196,6 +202,8 @@ class MarkerRegistration:
             gaps.n_beyond,
             gaps.longest_s,
             np.where(np.isnan(mended.offsets).any(axis=2), -1, mended.partner),
+            mended.n_stray,
+            mended.stray_mm,
         )
 
     def _head_motion(self, positions: NDArray[np.floating], seen: NDArray[np.bool_]) -> RigidMotions:

@@ -25,6 +25,8 @@ Progress = Callable[[str, int, int], None]
 
 _NEUTRAL_WORDS = ("neutral", "rest")
 _REST_S = 0.1  # frames about the one at rest that are averaged
+#: A clip with more frames than this that show no face is refused; clean recordings have none.
+_STRAY_FRAMES = 0.1
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,8 @@ def register_performer(
     Raises
     ------
     ValueRangeError
-        If there is no clip, the neutral is not one of them, or a clip has no frame with half its markers.
+        If there is no clip, the neutral is not one of them, a clip has no frame with half its markers, or markers are
+        where no face would have them in more than a tenth of its frames: labels of others.
     DegenerateError
         If too few markers are seen at rest or no face can be found in them.
     """
@@ -228,7 +231,8 @@ def _register_clip(
         )
     times = clip.times[usable]
     motion: MarkerMotion = registration.register(positions[usable], times, gap_limit_s=settings.gap_limit_s)
-    keep = _kept(times, settings.frames_per_second)
+    believed = np.flatnonzero(_plausible(name, motion))
+    keep = believed[_kept(times[believed], settings.frames_per_second)]
     back = home.inverse()
     n = len(keep)
     recorded = RigidMotions(motion.recorded_from_head.rotations[keep], motion.recorded_from_head.translations[keep])
@@ -243,15 +247,38 @@ def _register_clip(
     notes = {
         "frames": len(clip.times),
         "frames_left_out": int((~usable).sum()),
+        "frames_implausible": len(times) - len(believed),
         "labels_missing": [labels[k] for k in range(len(labels)) if labels[k] not in place],
         "labels_unknown": [label for label in clip.labels if label not in labels],
         "out_of_place": motion.n_left_out,
+        "labels_out_of_place": _mostly_out_of_place(motion, positions[usable], labels),
         "filled": motion.n_filled,
         "beyond_limit": motion.n_beyond,
         "longest_gap_s": round(motion.longest_gap_s, 4),
         "residual_mm": round(motion.residual_mm, 4),
     }
     return registered, motion.markers[keep], notes, motion.partner
+
+
+def _plausible(name: str, motion: MarkerMotion) -> NDArray[np.bool_]:
+    """Return the frames (T,) whose markers lie on a face; refuse a clip that has too few."""
+    stray = motion.n_stray > 0
+    if stray.mean() > _STRAY_FRAMES:
+        left_out = (motion.partner[stray] < 0).sum(axis=1)
+        raise ValueRangeError(
+            f"clip {name} must show its markers where a face has those of the frame at rest, got "
+            f"{int(np.median(left_out + motion.n_stray[stray]))} of {motion.partner.shape[1]} out of place, by "
+            f"{motion.stray_mm:.0f} mm, in {int(stray.sum())} of {len(stray)} frames (medians); are they labelled "
+            "otherwise? Label the clip again or leave it out."
+        )
+    return ~stray
+
+
+def _mostly_out_of_place(motion: MarkerMotion, positions: Array, labels: tuple[str, ...]) -> list[str]:
+    """Return the labels that were left out in most frames that show them."""
+    seen = ~np.isnan(positions).any(axis=2)
+    left_out = seen & (motion.partner < 0)
+    return [labels[k] for k in np.flatnonzero(2 * left_out.sum(axis=0) > np.maximum(seen.sum(axis=0), 1))]
 
 
 def _usual_labels(partners: list[NDArray[np.intp]]) -> NDArray[np.intp]:

@@ -20,6 +20,8 @@ _ROUNDS = 6
 _GAIN, _OUTLIER = 40.0, 60.0
 _SUSPECT = 15.0  # of a marker alone: only frames with such a one are searched for swaps
 _OUTLIER_MM = 2.5
+#: Markers of a frame that may be left out: one in this many, and at least so many.
+_SHARE_LEFT_OUT, _LEAST_LEFT_OUT = 16, 6
 
 
 class MendedLabels(NamedTuple):
@@ -33,12 +35,18 @@ class MendedLabels(NamedTuple):
         Whose label a marker bore; its own number where nothing was mended.
     n_swapped, n_left_out : int
         Values (a marker in a frame) renamed, and left out as no face would put a marker there.
+    n_stray : ndarray of shape (T,), int
+        Markers of a frame that are still out of place once as many are left out as may be: such frames show no face.
+    stray_mm : float
+        Median distance of those markers from where the others say they are; 0 without any.
     """
 
     offsets: Array
     partner: NDArray[np.intp]
     n_swapped: int
     n_left_out: int
+    n_stray: NDArray[np.intp]
+    stray_mm: float
 
 
 def mend_labels(
@@ -48,7 +56,7 @@ def mend_labels(
 
     Two labels are exchanged where the frame becomes far likelier under a Gaussian prior of the offsets; all pairs of
     neighbours are tried in all frames at once, the best pair of each frame first. A marker that is then still far from
-    where the others say it is counts as unseen.
+    where the others say it is counts as unseen, up to a sixteenth of them in a frame.
 
     Parameters
     ----------
@@ -89,10 +97,12 @@ def mend_labels(
         busy, a, b = busy[likely], a[likely], b[likely]
         for array in (points, partner):
             array[busy, a], array[busy, b] = array[busy, b], array[busy, a].copy()
-    missing = missing | _out_of_place(points - places, missing, precision, blocks)
+    strange, n_stray, stray_mm = _out_of_place(points - places, missing, precision, blocks)
+    missing = missing | strange
     left_out = int((missing & ~np.isnan(offsets).any(axis=2)).sum())
     mended = np.where(missing[..., None], np.nan, points - places)
-    return MendedLabels(mended, partner, int(((partner != np.arange(M)) & ~missing).sum()), left_out)
+    swapped = int(((partner != np.arange(M)) & ~missing).sum())
+    return MendedLabels(mended, partner, swapped, left_out, n_stray, stray_mm)
 
 
 def _best_swap(
@@ -149,18 +159,25 @@ def _fits_after(
 
 def _out_of_place(
     offsets: Array, missing: NDArray[np.bool_], precision: NDArray[np.floating], blocks: NDArray[np.floating]
-) -> NDArray[np.bool_]:
-    """Return the markers (T, M) far from where all others say they are; the worst of each frame first."""
-    gone, busy = missing.copy(), np.arange(len(offsets))
-    for _ in range(_ROUNDS):
+) -> tuple[NDArray[np.bool_], NDArray[np.intp], float]:
+    """Return the markers (T, M) far from where all others say they are, the worst of each frame first.
+
+    Also how many of each frame are still so beyond those that may be left out (T,), and how far, by the median.
+    """
+    T, M = missing.shape
+    gone, busy, n_stray = missing.copy(), np.arange(T), np.zeros(T, dtype=np.intp)
+    rounds = max(_LEAST_LEFT_OUT, M // _SHARE_LEFT_OUT)
+    for number in range(rounds + 1):
         cost, off = _alone(offsets[busy], gone[busy], precision, blocks)
         strange = (cost > _OUTLIER) & (off > _OUTLIER_MM) & ~gone[busy]
-        worst = strange & (cost >= np.where(strange, cost, 0.0).max(axis=1, keepdims=True))
-        gone[busy] |= worst
-        busy = busy[worst.any(axis=1)]
+        found = strange.any(axis=1)
+        busy, cost, strange = busy[found], cost[found], strange[found]
         if not len(busy):
-            break
-    return gone & ~missing
+            return gone & ~missing, n_stray, 0.0
+        if number < rounds:
+            gone[busy] |= strange & (cost >= np.where(strange, cost, 0.0).max(axis=1, keepdims=True))
+    n_stray[busy] = strange.sum(axis=1)
+    return gone & ~missing, n_stray, float(np.median(off[found][strange]))
 
 
 def _alone(
