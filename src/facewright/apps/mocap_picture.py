@@ -40,7 +40,7 @@ def markers_over_mesh(performer: RegisteredPerformer, *, size: tuple[int, int] =
     moved = [performer.reference_from_head.apply(v[None])[0] for v in vertices]
     dots = [performer.reference_from_head.apply(markers[None])[0] for _, markers in chosen]
     coarse = surface.coarse_places
-    frame = _frame(np.concatenate([*(v[coarse] for v in moved), *dots]), size)
+    frame = _frame(np.concatenate([*moved, *dots]), size)
     rows = []
     for yaw in _VIEWS:
         for v, markers in zip(moved, dots):
