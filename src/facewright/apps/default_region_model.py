@@ -112,7 +112,7 @@ def train_default(face: Face, data: PerformerData, progress: Progress | None = N
     found = segment_performers([data], options=SegmentOptions(symmetric=True), progress=progress)
     moves = np.concatenate([clip.vertices - data.neutral for clip in data.clips])
     if data.mirror is not None:  # what one side of the performer does the other shall be able to
-        moves = np.concatenate([moves, moves[:, data.mirror] * np.float32([-1.0, 1.0, 1.0])])
+        moves = np.concatenate([moves, moves[:, data.mirror] * np.array([-1.0, 1.0, 1.0], np.float32)])
     provenance = {
         "template": data.template,
         "vertex_ids": data.vertex_ids.tolist(),
