@@ -36,7 +36,7 @@ def test_weights_reproduce_their_points_and_linear_motion():
     vertices, faces = _plane()
     ids = _points()
     W = smooth_weights(vertices, faces, SurfacePlaces.at_vertices(ids), np.zeros(0, np.intp))
-    np.testing.assert_allclose(W[ids].toarray(), np.eye(len(ids)), atol=2e-3)
+    np.testing.assert_allclose(W[ids].toarray(), np.eye(len(ids)), atol=1e-2)
     np.testing.assert_allclose(np.asarray(W.sum(axis=1)).ravel(), 1.0, atol=5e-3)
     motion = vertices * [0.1, -0.05, 0.0] + [0.0, 0.0, 1.0]
     inner = (np.abs(vertices[:, :2] - 30) < 20).all(axis=1)

@@ -16,7 +16,9 @@ from facewright.numeric.sparse_solve import SymmetricSolver
 SUPPORT = 14
 """Points that a vertex follows at most."""
 
-_FIRM = 1e4  # weight of the points, in the typical diagonal of the bending energy
+#: Weight of the points, in the typical diagonal of the bending energy; firmer ones that lie close together on a coarse
+#: mesh throw what lies beyond them far.
+_FIRM = 10.0
 _LOOSE = 1e-9  # what nothing reaches stays
 _RESTORED = 1.5  # rows are scaled up by no more to make up for weights left out
 _REACHED = 0.3  # rows that sum to less are hardly reached, and learn less
