@@ -8,13 +8,26 @@ from importlib import metadata, util
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "numba", "pillow", "scikit-image", "pooch", "threadpoolctl", "typer", "rich")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "pillow",
+    "scikit-image",
+    "pooch",
+    "scikit-learn",
+    "threadpoolctl",
+    "typer",
+    "rich",
+)
 #: Extra -> the packages it brings, by the name they are imported under.
 EXTRAS = {
     "landmarks": ("mediapipe",),
     "video": ("av",),
     "capture": ("open3d", "imagecodecs"),
     "warehouse": ("zarr", "numcodecs", "google_crc32c", "fsspec", "dask", "distributed", "bokeh"),
+    "mocap": ("ezc3d",),
+    "studio": ("nicegui",),
 }
 #: Other names under which the same package is installed.
 _ALSO = {"open3d": ("open3d-cpu",)}
