@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from facewright.apps.pose_session import PoseSession
-from facewright.errors import ShapeError, TopologyError, ValueRangeError
+from facewright.errors import FacewrightError, ShapeError, TopologyError, ValueRangeError
 from facewright.models.region_poser import RegionPoser
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -45,6 +45,19 @@ def test_grabbing_a_point_without_moving_it_moves_nothing(session):
         session.drag(other, session.positions()[other].copy())
         session.release()
     assert np.abs(session.positions() - posed).max() < 1e-3
+
+
+def test_positions_land_in_the_callers_buffer(session):
+    out = np.zeros((session.model.n_vertices, 3), np.float32)
+    own = PoseSession(session.model, out=out)
+    v = _vertex(session, 20, 15)
+    moved = own.drag(v, session.model.neutral[v] + [0, 6, 2])
+    assert moved is out or np.shares_memory(moved, out)
+    np.testing.assert_array_equal(out, own.positions())
+    assert np.abs(out - session.model.neutral).max() > 1.0
+    for bad in (out[:-1], out.astype(float), out.T.copy().T):
+        with pytest.raises(FacewrightError, match="out"):
+            PoseSession(session.model, out=bad)
 
 
 def test_only_the_region_follows_and_the_holistic_model_moves_more(session):

@@ -34,9 +34,13 @@ class PoseSession(PoseSteps):
         Weights of eq. 9; see `RegionPoser`.
     autosave : Path, optional
         Where every step is saved (.fwpose); `facewright.apps.pose_file.open_pose` takes it up again.
+    out : ndarray of shape (N, 3), float32, C order, optional
+        The caller's buffer, such as mapped graphics memory: every change writes the posed vertices straight into it.
 
     Raises
     ------
+    ShapeError
+        If `out` is of another shape.
     TopologyError
         If the holistic model is of another mesh.
     ValueRangeError
@@ -51,8 +55,9 @@ class PoseSession(PoseSteps):
         beta: float = BETA,
         gamma: float = GAMMA,
         autosave: Path | None = None,
+        out: NDArray[np.float32] | None = None,
     ) -> None:
-        super().__init__(PoseSolver(model, holistic, beta, gamma), beta, gamma, autosave)
+        super().__init__(PoseSolver(model, holistic, beta, gamma, out), beta, gamma, autosave)
         self.mirror = nearest_mirror(model.neutral, model.faces)
         self._grabbed: NDArray[np.int64] | None = None  # vertices that follow the hand, the grabbed one first
         self._grabbed_at: NDArray[np.float64] = np.zeros((0, 3))

@@ -12,6 +12,7 @@ from facewright.errors import TopologyError, ValueRangeError
 from facewright.models.region_fit import RegionFitter
 from facewright.models.region_model import RegionModel
 from facewright.models.region_poser import RegionPoser
+from facewright.numeric.check import check_shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +42,8 @@ class PoseSolver:
         Of one region, on the same mesh.
     beta, gamma : float
         Weights of eq. 9.
+    out : ndarray of shape (N, 3), float32, C order, optional
+        The caller's buffer for the region-based model's vertices.
 
     Raises
     ------
@@ -50,7 +53,14 @@ class PoseSolver:
         If beta or gamma is negative, or the holistic model has several regions.
     """
 
-    def __init__(self, model: RegionModel, holistic: RegionModel | None, beta: float, gamma: float) -> None:
+    def __init__(
+        self,
+        model: RegionModel,
+        holistic: RegionModel | None,
+        beta: float,
+        gamma: float,
+        out: NDArray[np.float32] | None = None,
+    ) -> None:
         self.models = {"region": model}
         if holistic is not None:
             if not np.array_equal(holistic.faces, model.faces) or holistic.n_vertices != model.n_vertices:
@@ -61,6 +71,11 @@ class PoseSolver:
         # what one drag left shall stay while another point is dragged
         self.posers = {kind: RegionPoser(one, beta, gamma, boundaries="keep") for kind, one in self.models.items()}
         self.positions = {kind: np.zeros((model.n_vertices, 3), np.float32) for kind in self.models}
+        if out is not None:
+            check_shape("out", out, model.n_vertices, 3)
+            if out.dtype != np.float32 or not out.flags.c_contiguous or not out.flags.writeable:
+                raise ValueRangeError(f"out must be float32, C-contiguous and writable, got {out.dtype}.")
+            self.positions["region"] = out
 
     def at_rest(self) -> dict[str, NDArray[np.float64]]:
         """Return the coefficients of each model at which its face is nearest to the neutral."""
